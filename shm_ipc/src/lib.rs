@@ -1,0 +1,31 @@
+//! The frame contract of uvcam: masked camera frames over iceoryx2 shared memory.
+//!
+//! A consumer needs this crate alone. The driver fills a [`Slot`] of shared memory and publishes it with a [`FrameHeader`];
+//! a consumer reads the same memory as a [`Frame`]. Nobody copies pixels.
+//!
+//! One camera is two iceoryx2 services: `uvcam/v1/<camera>/frames` carries the frames, `uvcam/v1/<camera>/wake` wakes consumers
+//! that sleep. The driver alone creates them; driver and consumers agree on [`Settings::prefix`] and [`Settings::root_path`], and
+//! run under one user.
+//!
+//! A consumer that is slow, stuck or killed neither delays the driver nor takes its slots: the oldest frame that it has not
+//! read gives way to the newest, and it is told how many it lost ([`Frame::lost_before`]).
+
+mod clock;
+mod continuity;
+mod error;
+mod header;
+mod pixel_format;
+mod publisher;
+mod resident;
+mod service;
+mod settings;
+mod subscriber;
+
+pub use clock::{monotonic_ns, realtime_ns};
+pub use error::{IpcError, LoanError};
+pub use header::{CONTRACT_VERSION, Flags, FrameHeader, HeaderError, MAGIC};
+pub use pixel_format::{PixelFormat, UnknownPixelFormat};
+pub use publisher::{Publisher, Slot};
+pub use service::{cleanup_dead_nodes, frame_service_name, wake_service_name};
+pub use settings::Settings;
+pub use subscriber::{Frame, Subscriber};

@@ -1,0 +1,256 @@
+//! The driver's end: slots on loan, filled in place, sent.
+//!
+//! Laws of slot memory:
+//! 1. A slot is memory of a mapped file, given out zeroed by the kernel or with the bytes of an earlier frame: never
+//!    uninitialised, whatever the type says.
+//! 2. A slot on loan is reached through its [`Slot`] alone: iceoryx2 hands out no other reference, and consumers get it when it is
+//!    sent. Its address stays the same for the life of the publisher.
+
+use std::error::Error;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::prelude::*;
+use iceoryx2::sample_mut::SampleMut;
+use rustix::fs::statvfs;
+
+use crate::clock::monotonic_ns;
+use crate::error::{IpcError, LoanError};
+use crate::header::FrameHeader;
+use crate::resident;
+use crate::service::{Address, FrameService, Ipc, WakeService, cleanup};
+use crate::settings::{Settings, shared_memory_needed, slots_needed};
+
+/// How long [`Publisher::create`] waits for a predecessor to go and for consumers to let go of services that do not fit.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// Time between its attempts.
+const RETRY: Duration = Duration::from_millis(20);
+const SHARED_MEMORY: &str = "/dev/shm";
+
+/// Publishes the frames of one camera. There is one for each camera on a host.
+#[derive(Debug)]
+pub struct Publisher {
+    // Dropped in this order: a successor that finds no publisher finds no notifier either.
+    notifier: Notifier<Ipc>,
+    publisher: iceoryx2::port::publisher::Publisher<Ipc, [u8], FrameHeader>,
+    wake: WakeService,
+    frames: FrameService,
+    address: Address,
+    frame_bytes: usize,
+    loans: usize,
+    loss: Mutex<Loss>,
+}
+
+/// What [`FrameHeader::lost_in_epoch`] sums up.
+#[derive(Debug, Default)]
+struct Loss {
+    epoch: u64,
+    lost: u64,
+}
+
+impl Publisher {
+    /// Makes the services of `camera` and the memory for frames of `frame_bytes`, of which `loans` can be on loan at a time.
+    ///
+    /// Cleans up after killed programs first. A predecessor that is just stopping, and consumers that hold services made with
+    /// other settings, get 3 s to go. The memory of all slots is taken at once.
+    ///
+    /// # Errors
+    /// [`IpcError`]: a setting or camera name that cannot be, another driver that publishes this camera, services of other
+    /// settings still held, too little space in `/dev/shm`, files of another user.
+    pub fn create(
+        settings: &Settings,
+        camera: &str,
+        frame_bytes: usize,
+        loans: usize,
+    ) -> Result<Publisher, IpcError> {
+        if frame_bytes == 0 || loans == 0 {
+            let (key, found) = if loans == 0 { ("loans", loans) } else { ("frame_bytes", frame_bytes) };
+            return Err(IpcError::Setting { key, found: found.to_string(), allowed: "1 or more" });
+        }
+        let give_up = Instant::now() + PATIENCE;
+        loop {
+            let address = Address::new(settings, camera)?;
+            match Publisher::try_create(address, settings, frame_bytes, loans) {
+                Err(error) if may_pass(&error) && Instant::now() < give_up => std::thread::sleep(RETRY),
+                outcome => return outcome,
+            }
+        }
+    }
+
+    fn try_create(
+        address: Address,
+        settings: &Settings,
+        frame_bytes: usize,
+        loans: usize,
+    ) -> Result<Publisher, IpcError> {
+        cleanup(&address.config);
+        let node = address.node()?;
+        let (frames, wake) = address.create(&node, settings)?;
+        if frames.dynamic_config().number_of_publishers() > 0 {
+            return Err(IpcError::AlreadyPublishing(address.camera));
+        }
+        let need_bytes = check_space(&address.camera, &frames, frame_bytes, loans)?;
+        let publisher = frames
+            .publisher_builder()
+            .initial_max_slice_len(frame_bytes)
+            .max_loaned_samples(loans)
+            .allocation_strategy(AllocationStrategy::Static)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|source| match source {
+                PublisherCreateError::ExceedsMaxSupportedPublishers => {
+                    IpcError::AlreadyPublishing(address.camera.clone())
+                }
+                PublisherCreateError::UnableToCreateDataSegment => IpcError::NotMapped {
+                    camera: address.camera.clone(),
+                    need_bytes,
+                    source: Box::new(source),
+                },
+                _ => address.failed("creating the publisher of", address.frames_name(), source),
+            })?;
+        let notifier = wake
+            .notifier_builder()
+            .create()
+            .map_err(|source| address.failed("creating the notifier of", address.wake_name(), source))?;
+        let loss = Mutex::default();
+        let publisher = Publisher { notifier, publisher, wake, frames, address, frame_bytes, loans, loss };
+        publisher.take_memory()?;
+        Ok(publisher)
+    }
+
+    /// Takes the memory of all slots from the system, so that no frame has to wait for it.
+    fn take_memory(&self) -> Result<(), IpcError> {
+        let failed = |source: Box<dyn Error + Send + Sync>| IpcError::System {
+            doing: "taking the memory of",
+            on: self.address.frames_name().to_string(),
+            source,
+        };
+        // All slots lie in one mapping.
+        let slot = self.loan().map_err(|error| failed(Box::new(error)))?;
+        resident::make_present(slot.sample.payload().as_ptr().expose_provenance())
+            .map_err(|error| failed(Box::new(error)))
+    }
+
+    /// Takes a slot on loan. Never waits. Fails only when `loans` of them are out: slots that consumers hold are counted apart.
+    ///
+    /// # Errors
+    /// [`LoanError::AllOnLoan`], or [`LoanError::Failed`] where iceoryx2 itself fails.
+    pub fn loan(&self) -> Result<Slot, LoanError> {
+        match self.publisher.loan_slice_uninit(self.frame_bytes) {
+            // SAFETY: law 1.
+            Ok(sample) => Ok(Slot { sample: unsafe { sample.assume_init() } }),
+            Err(iceoryx2::port::LoanError::ExceedsMaxLoans) => Err(LoanError::AllOnLoan(self.loans)),
+            Err(source) => Err(LoanError::Failed(source)),
+        }
+    }
+
+    /// Sends a filled slot under a copy of `header`, wakes consumers that sleep, and returns how many consumers got it.
+    ///
+    /// Never waits: a consumer whose buffer is full loses its oldest frame. Fills `lost_in_epoch` and `send_monotonic_ns`.
+    ///
+    /// # Errors
+    /// [`IpcError::Header`] where the header does not describe the slot; [`IpcError::System`] where iceoryx2 fails.
+    pub fn publish(&self, mut slot: Slot, header: &FrameHeader) -> Result<usize, IpcError> {
+        header.validate(slot.len())?;
+        let sent = slot.sample.user_header_mut();
+        *sent = *header;
+        sent.lost_in_epoch = self.sum_up_loss(header);
+        sent.send_monotonic_ns = monotonic_ns();
+        let reached = slot.sample.send().map_err(|source| {
+            self.address.failed("sending a frame through", self.address.frames_name(), source)
+        })?;
+        if self.wake.dynamic_config().number_of_listeners() > 0 {
+            // The frame is out. A consumer that cannot be woken finds it when its own wait ends.
+            let _ = self.notifier.notify();
+        }
+        Ok(reached)
+    }
+
+    /// Consumers connected at this moment. One that was killed counts until [`cleanup_dead_nodes`](crate::cleanup_dead_nodes).
+    pub fn subscribers(&self) -> usize {
+        self.frames.dynamic_config().number_of_subscribers()
+    }
+
+    /// Bytes of one slot.
+    pub fn frame_bytes(&self) -> usize {
+        self.frame_bytes
+    }
+
+    fn sum_up_loss(&self, header: &FrameHeader) -> u64 {
+        let mut loss = self.loss.lock().unwrap_or_else(PoisonError::into_inner);
+        if loss.epoch != header.epoch {
+            *loss = Loss { epoch: header.epoch, lost: 0 };
+        }
+        loss.lost = loss.lost.saturating_add(header.lost_before);
+        loss.lost
+    }
+}
+
+/// Whether the next attempt may succeed: a predecessor stops, consumers let go, files are half made or half removed.
+fn may_pass(error: &IpcError) -> bool {
+    matches!(
+        error,
+        IpcError::AlreadyPublishing(_)
+            | IpcError::Incompatible { .. }
+            | IpcError::TooManyConsumers(_)
+            | IpcError::System { .. }
+    )
+}
+
+/// Refuses with figures before memory is taken.
+fn check_space(
+    camera: &str,
+    frames: &FrameService,
+    frame_bytes: usize,
+    loans: usize,
+) -> Result<u64, IpcError> {
+    let found = frames.static_config();
+    let slots = slots_needed(
+        found.max_subscribers(),
+        found.subscriber_max_buffer_size(),
+        found.subscriber_max_borrowed_samples(),
+        loans,
+    );
+    let need_bytes = shared_memory_needed(slots, frame_bytes);
+    let free = statvfs(SHARED_MEMORY).map_err(|source| IpcError::System {
+        doing: "reading the free space of",
+        on: SHARED_MEMORY.to_owned(),
+        source: Box::new(source),
+    })?;
+    let free_bytes = free.f_bavail.saturating_mul(free.f_frsize);
+    if need_bytes > free_bytes {
+        return Err(IpcError::SharedMemoryFull { camera: camera.to_owned(), slots, need_bytes, free_bytes });
+    }
+    Ok(need_bytes)
+}
+
+/// Shared memory for one frame, in the hands of whoever holds this. Dropped, it goes back unsent.
+#[derive(Debug)]
+pub struct Slot {
+    sample: SampleMut<Ipc, [u8], FrameHeader>,
+}
+
+impl Slot {
+    /// The first byte. Valid for [`Slot::len`] bytes, for reads and writes, until the slot is published or dropped; 64-byte aligned.
+    pub fn as_mut_ptr(&mut self) -> *mut u8 {
+        self.pixels_mut().as_mut_ptr()
+    }
+
+    /// The address of the first byte: names this piece of memory for the life of the publisher.
+    pub fn address(&self) -> usize {
+        self.sample.payload().as_ptr().addr()
+    }
+
+    /// Bytes in the slot: the frame size that the publisher was created with.
+    #[allow(clippy::len_without_is_empty, reason = "a slot is never empty")]
+    pub fn len(&self) -> usize {
+        self.sample.payload().len()
+    }
+
+    /// The bytes, to be written. Holds an earlier frame's, or zeros.
+    pub fn pixels_mut(&mut self) -> &mut [u8] {
+        self.sample.payload_mut()
+    }
+}

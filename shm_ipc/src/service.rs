@@ -1,0 +1,244 @@
+//! The two services of a camera: their names, how they are made, found and cleaned up.
+
+use std::sync::Once;
+
+use iceoryx2::config::Config;
+use iceoryx2::node::NodeView;
+use iceoryx2::prelude::*;
+use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::publish_subscribe::{
+    PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
+};
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+
+use crate::error::IpcError;
+use crate::header::{CONTRACT_VERSION, FrameHeader};
+use crate::settings::{Settings, is_name};
+
+/// Ports behind a mutex, so that slots and frames may go from thread to thread; 0.2 us a call over `ipc` where the cache is warm.
+pub(crate) type Ipc = ipc_threadsafe::Service;
+pub(crate) type FrameService = publish_subscribe::PortFactory<Ipc, [u8], FrameHeader>;
+pub(crate) type WakeService = event::PortFactory<Ipc>;
+
+/// Name of the service that carries the frames of `camera`.
+pub fn frame_service_name(camera: &str) -> String {
+    format!("uvcam/v{CONTRACT_VERSION}/{camera}/frames")
+}
+
+/// Name of the event service that wakes sleeping consumers of `camera`.
+pub fn wake_service_name(camera: &str) -> String {
+    format!("uvcam/v{CONTRACT_VERSION}/{camera}/wake")
+}
+
+/// Releases what killed programs left behind: their places among the consumers, the slots they held, their files. Returns how
+/// many programs there were.
+///
+/// Takes a few milliseconds: for a thread that has time, about once a second. What cannot be cleaned now is left for the next call.
+pub fn cleanup_dead_nodes(settings: &Settings) -> usize {
+    settings.to_iceoryx2().map_or(0, |config| cleanup(&config))
+}
+
+pub(crate) fn cleanup(config: &Config) -> usize {
+    quieten();
+    let mut cleaned = 0;
+    // An error leaves nodes for the next call, like a node that another process is just cleaning.
+    let _ = Node::<Ipc>::list(config, |state| {
+        // Without its details, iceoryx2 would clean a node by a configuration file of the working directory.
+        if let NodeState::Dead(node) = state
+            && node.details().is_some()
+            && node.try_remove_stale_resources().is_ok()
+        {
+            cleaned += 1;
+        }
+        CallbackProgression::Continue
+    });
+    cleaned
+}
+
+/// The names of a camera's services, and what is needed to reach them.
+#[derive(Debug)]
+pub(crate) struct Address {
+    pub(crate) camera: String,
+    pub(crate) config: Config,
+    frames: ServiceName,
+    wake: ServiceName,
+}
+
+impl Address {
+    pub(crate) fn new(settings: &Settings, camera: &str) -> Result<Self, IpcError> {
+        quieten();
+        let config = settings.to_iceoryx2()?;
+        let wrong = || IpcError::CameraName(camera.to_owned());
+        if !is_name(camera, 64) {
+            return Err(wrong());
+        }
+        let frames = ServiceName::new(&frame_service_name(camera)).map_err(|_| wrong())?;
+        let wake = ServiceName::new(&wake_service_name(camera)).map_err(|_| wrong())?;
+        Ok(Address { camera: camera.to_owned(), config, frames, wake })
+    }
+
+    /// Signs this program in.
+    pub(crate) fn node(&self) -> Result<Node<Ipc>, IpcError> {
+        let builder =
+            NodeBuilder::new().config(&self.config).signal_handling_mode(SignalHandlingMode::Disabled);
+        builder.create().map_err(|source| match source {
+            iceoryx2::node::NodeCreationFailure::InsufficientPermissions => self.permission(source),
+            _ => self.failed("signing in at", self.root_path(), source),
+        })
+    }
+
+    /// The driver's side: makes the services, or opens them where consumers hold them from before.
+    pub(crate) fn create(
+        &self,
+        node: &Node<Ipc>,
+        settings: &Settings,
+    ) -> Result<(FrameService, WakeService), IpcError> {
+        // Room for killed programs that nobody cleaned up yet.
+        let max_nodes = 2 * settings.max_subscribers + 2;
+        let frames = node
+            .service_builder(&self.frames)
+            .publish_subscribe::<[u8]>()
+            .user_header::<FrameHeader>()
+            .max_publishers(1)
+            .max_subscribers(settings.max_subscribers)
+            .max_nodes(max_nodes)
+            .subscriber_max_buffer_size(settings.buffer)
+            .subscriber_max_borrowed_samples(settings.borrowed)
+            .history_size(0)
+            .enable_safe_overflow(true)
+            .open_or_create()
+            .map_err(|source| match source {
+                PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(open) => {
+                    self.frames_not_opened(open)
+                }
+                PublishSubscribeOpenOrCreateError::PublishSubscribeCreateError(
+                    PublishSubscribeCreateError::InsufficientPermissions,
+                ) => self.permission(source),
+                _ => self.failed("creating service", self.frames.as_str(), source),
+            })?;
+        let wake = node
+            .service_builder(&self.wake)
+            .event()
+            .max_notifiers(1)
+            .max_listeners(settings.max_subscribers)
+            .max_nodes(max_nodes)
+            .event_id_max_value(0)
+            .open_or_create()
+            .map_err(|source| match source {
+                EventOpenOrCreateError::EventOpenError(open) => self.wake_not_opened(open),
+                _ => self.failed("creating service", self.wake.as_str(), source),
+            })?;
+        Ok((frames, wake))
+    }
+
+    /// The consumer's side: opens the services, whatever the numbers they were made with; `None` where they are not there, half made
+    /// or half removed.
+    pub(crate) fn open(&self, node: &Node<Ipc>) -> Result<Option<(FrameService, WakeService)>, IpcError> {
+        use {EventOpenError as Wake, PublishSubscribeOpenError as Frames};
+        let frames = node
+            .service_builder(&self.frames)
+            .publish_subscribe::<[u8]>()
+            .user_header::<FrameHeader>()
+            .open();
+        let frames = match frames {
+            Ok(frames) => frames,
+            Err(
+                Frames::DoesNotExist
+                | Frames::ServiceInCorruptedState
+                | Frames::IsMarkedForDestruction
+                | Frames::HangsInCreation,
+            ) => return Ok(None),
+            Err(source) => return Err(self.frames_not_opened(source)),
+        };
+        match node.service_builder(&self.wake).event().open() {
+            Ok(wake) => Ok(Some((frames, wake))),
+            Err(
+                Wake::DoesNotExist
+                | Wake::ServiceInCorruptedState
+                | Wake::IsMarkedForDestruction
+                | Wake::HangsInCreation,
+            ) => Ok(None),
+            Err(source) => Err(self.wake_not_opened(source)),
+        }
+    }
+
+    /// Whether `frames` is still the service that others find under this name.
+    pub(crate) fn leads_to(&self, frames: &FrameService) -> bool {
+        let details = Ipc::details(&self.frames, &self.config, MessagingPattern::PublishSubscribe);
+        matches!(details, Ok(Some(found)) if found.static_details.unique_service_id() == frames.unique_service_id())
+    }
+
+    pub(crate) fn failed(
+        &self,
+        doing: &'static str,
+        on: &str,
+        source: impl std::error::Error + Send + Sync + 'static,
+    ) -> IpcError {
+        IpcError::System { doing, on: on.to_owned(), source: Box::new(source) }
+    }
+
+    pub(crate) fn frames_name(&self) -> &str {
+        self.frames.as_str()
+    }
+
+    pub(crate) fn wake_name(&self) -> &str {
+        self.wake.as_str()
+    }
+
+    fn root_path(&self) -> &str {
+        self.config.global.root_path().as_str()
+    }
+
+    fn permission(&self, source: impl std::error::Error + Send + Sync + 'static) -> IpcError {
+        IpcError::Permission { root_path: self.root_path().into(), source: Box::new(source) }
+    }
+
+    fn incompatible(
+        &self,
+        service: &ServiceName,
+        source: impl std::error::Error + Send + Sync + 'static,
+    ) -> IpcError {
+        IpcError::Incompatible { service: service.as_str().to_owned(), source: Box::new(source) }
+    }
+
+    fn frames_not_opened(&self, source: PublishSubscribeOpenError) -> IpcError {
+        use PublishSubscribeOpenError::*;
+        match source {
+            InsufficientPermissions => self.permission(source),
+            ExceedsMaxNumberOfNodes => IpcError::TooManyConsumers(self.frames.as_str().to_owned()),
+            IncompatibleTypes
+            | IncompatibleMessagingPattern
+            | IncompatibleAttributes
+            | IncompatibleOverflowBehavior
+            | VersionMismatch
+            | DoesNotSupportRequestedMinBufferSize
+            | DoesNotSupportRequestedMinHistorySize
+            | DoesNotSupportRequestedMinSubscriberBorrowedSamples
+            | DoesNotSupportRequestedAmountOfPublishers
+            | DoesNotSupportRequestedAmountOfSubscribers
+            | DoesNotSupportRequestedAmountOfNodes => self.incompatible(&self.frames, source),
+            _ => self.failed("opening service", self.frames.as_str(), source),
+        }
+    }
+
+    fn wake_not_opened(&self, source: EventOpenError) -> IpcError {
+        use EventOpenError::*;
+        match source {
+            InsufficientPermissions => self.permission(source),
+            ExceedsMaxNumberOfNodes => IpcError::TooManyConsumers(self.wake.as_str().to_owned()),
+            IncompatibleMessagingPattern
+            | VersionMismatch
+            | DoesNotSupportRequestedAmountOfNotifiers
+            | DoesNotSupportRequestedAmountOfListeners
+            | DoesNotSupportRequestedMaxEventId
+            | DoesNotSupportRequestedAmountOfNodes => self.incompatible(&self.wake, source),
+            _ => self.failed("opening service", self.wake.as_str(), source),
+        }
+    }
+}
+
+/// iceoryx2 reports every failed attempt on stderr; here, what matters comes back as an error. `IOX2_LOG_LEVEL` brings it back.
+fn quieten() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| set_log_level_from_env_or(LogLevel::Error));
+}

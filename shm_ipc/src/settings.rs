@@ -1,0 +1,123 @@
+//! What driver and consumers agree on, and the memory it takes.
+
+use std::mem::size_of;
+use std::path::PathBuf;
+
+use iceoryx2::config::Config;
+use iceoryx2::prelude::{FileName, Path, SemanticString};
+use iceoryx2::service::header::publish_subscribe::Header;
+
+use crate::error::IpcError;
+use crate::header::FrameHeader;
+
+/// A UNIX socket's path has 107 bytes, of which iceoryx2 takes up to 46 beside `root_path` and `prefix`.
+const LONGEST_PATHS: usize = 60;
+
+/// Where the services live and how much a consumer may lag. `prefix` and `root_path` are the address: driver and consumers must
+/// agree. The numbers are the driver's to choose; consumers take what they find.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Settings {
+    /// Start of the name of every file in `/dev/shm` and `root_path`.
+    pub prefix: String,
+    /// Folder of the service files; absolute. It belongs to the user who runs the driver.
+    pub root_path: PathBuf,
+    /// Consumers that may read one camera at the same time, 1 to 64.
+    pub max_subscribers: usize,
+    /// Frames that a consumer may lag behind before it loses the oldest, 1 to 256.
+    pub buffer: usize,
+    /// Frames that a consumer may hold at the same time, 1 to 64.
+    pub borrowed: usize,
+}
+
+impl Default for Settings {
+    /// 8 consumers; 12 frames of lag, a fifth of a second at 60 fps, as long as a busy onboard computer may keep a process
+    /// waiting; 4 held frames. With 6 loans that is 134 slots: 49 MB for 752x480, 78 MB for 960x600, 309 MB for 1920x1200.
+    fn default() -> Self {
+        Settings {
+            prefix: "uvcam_".to_owned(),
+            root_path: PathBuf::from("/tmp/uvcam"),
+            max_subscribers: 8,
+            buffer: 12,
+            borrowed: 4,
+        }
+    }
+}
+
+impl Settings {
+    /// Slots that one camera needs so that no consumer, however slow, can take the last:
+    /// `max_subscribers * (buffer + borrowed) + loans`, with `loans` slots in the hands of the driver.
+    pub fn slots_needed(&self, loans: usize) -> usize {
+        slots_needed(self.max_subscribers, self.buffer, self.borrowed, loans)
+    }
+
+    /// Bytes of `/dev/shm` that one camera needs, for frames of `frame_bytes` and `loans` slots in the hands of the driver.
+    pub fn shared_memory_needed(&self, frame_bytes: usize, loans: usize) -> u64 {
+        shared_memory_needed(self.slots_needed(loans), frame_bytes)
+    }
+
+    /// The configuration of iceoryx2, from these settings alone: no file is read.
+    pub(crate) fn to_iceoryx2(&self) -> Result<Config, IpcError> {
+        self.check_number("max_subscribers", self.max_subscribers, 64, "1 to 64")?;
+        self.check_number("buffer", self.buffer, 256, "1 to 256")?;
+        self.check_number("borrowed", self.borrowed, 64, "1 to 64")?;
+        let prefix = FileName::new(self.prefix.as_bytes()).ok().filter(|_| is_name(&self.prefix, 32));
+        let Some(prefix) = prefix else {
+            return Err(IpcError::Setting {
+                key: "prefix",
+                found: format!("\"{}\"", self.prefix),
+                allowed: "1 to 32 letters, digits, \"_\" or \"-\"",
+            });
+        };
+        let root_path = self
+            .root_path
+            .to_str()
+            .filter(|path| self.root_path.is_absolute() && path.len() + self.prefix.len() <= LONGEST_PATHS);
+        let Some(root_path) = root_path.and_then(|path| Path::new(path.as_bytes()).ok()) else {
+            return Err(IpcError::Setting {
+                key: "root_path",
+                found: self.root_path.display().to_string(),
+                allowed: "an absolute path of at most 60 bytes together with prefix",
+            });
+        };
+        let mut config = Config::default();
+        config.global.prefix = prefix;
+        config.global.set_root_path(&root_path);
+        // Cleaning is done where it may take its time, by `cleanup_dead_nodes`.
+        config.global.node.cleanup_dead_nodes_on_creation = false;
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
+        config.global.service.cleanup_dead_nodes_on_open = false;
+        Ok(config)
+    }
+
+    fn check_number(
+        &self,
+        key: &'static str,
+        found: usize,
+        most: usize,
+        allowed: &'static str,
+    ) -> Result<(), IpcError> {
+        match found {
+            1.. if found <= most => Ok(()),
+            _ => Err(IpcError::Setting { key, found: found.to_string(), allowed }),
+        }
+    }
+}
+
+pub(crate) fn slots_needed(max_subscribers: usize, buffer: usize, borrowed: usize, loans: usize) -> usize {
+    max_subscribers.saturating_mul(buffer.saturating_add(borrowed)).saturating_add(loans)
+}
+
+pub(crate) fn shared_memory_needed(slots: usize, frame_bytes: usize) -> u64 {
+    /// Queues and registers beside the slots.
+    const BOOKKEEPING: u64 = 1 << 20;
+    let alignment = align_of::<FrameHeader>();
+    let headers = size_of::<Header>().next_multiple_of(alignment) + size_of::<FrameHeader>();
+    let slot_bytes = (headers as u64).saturating_add(frame_bytes as u64).next_multiple_of(alignment as u64);
+    (slots as u64).saturating_mul(slot_bytes).saturating_add(BOOKKEEPING)
+}
+
+/// Whether `text` is made of letters, digits, `_` and `-`, and of 1 to `longest` of them.
+pub(crate) fn is_name(text: &str, longest: usize) -> bool {
+    (1..=longest).contains(&text.len())
+        && text.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-'))
+}

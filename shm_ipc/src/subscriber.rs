@@ -1,0 +1,323 @@
+//! A consumer's end: frames read where the driver wrote them.
+//!
+//! Laws of a received frame:
+//! 1. The header is copied once, and only the copy is checked and believed.
+//! 2. A driver does not write a slot that it has sent until every consumer has dropped it. One that breaks this can change pixels
+//!    under a reader's eyes, never sizes: these come from the copy.
+//! 3. What iceoryx2 itself keeps in shared memory is trusted: driver and consumers run under one user.
+
+use std::time::{Duration, Instant};
+
+use iceoryx2::node::Node;
+use iceoryx2::port::listener::{Listener, ListenerCreateError, ListenerWaitError};
+use iceoryx2::port::subscriber::SubscriberCreateError;
+use iceoryx2::port::{DegradationAction, ReceiveError};
+use iceoryx2::prelude::PortFactory;
+use iceoryx2::sample::Sample;
+
+use crate::continuity::{Continuity, Step};
+use crate::error::IpcError;
+use crate::header::FrameHeader;
+use crate::service::{Address, FrameService, Ipc, WakeService, cleanup};
+use crate::settings::Settings;
+
+/// Time between attempts to find a driver.
+const RETRY: Duration = Duration::from_millis(20);
+/// Silence after which services without a driver are let go, so that the next driver can make them as it likes.
+const SILENCE: Duration = Duration::from_secs(1);
+/// How long a failing system is tried again before it is reported: files that others just make or remove come and go.
+const TOLERANCE: Duration = Duration::from_secs(3);
+/// Longest sleep before a look at whether the driver is still there.
+const NAP: Duration = Duration::from_millis(100);
+
+/// Reads the frames of one camera. Finds the driver when it comes, and again when it comes back.
+#[derive(Debug)]
+pub struct Subscriber {
+    link: Option<Link>,
+    node: Option<Node<Ipc>>,
+    address: Address,
+    /// When a frame came, or a connection was made.
+    last_sign_of_life: Instant,
+    last_attempt: Option<Instant>,
+    failing_since: Option<Instant>,
+    continuity: Continuity,
+    frames: u64,
+    lost: u64,
+    epochs: u64,
+    rejected: u64,
+}
+
+impl Subscriber {
+    /// Prepares to read the frames of `camera`. The driver may come later: a consumer never makes a service.
+    ///
+    /// # Errors
+    /// [`IpcError`]: a setting or camera name that cannot be, files of another user, a service of another version, or one with as
+    /// many consumers as it can have.
+    pub fn open(settings: &Settings, camera: &str) -> Result<Subscriber, IpcError> {
+        let address = Address::new(settings, camera)?;
+        // Consumers that were killed give their places to this one.
+        cleanup(&address.config);
+        let mut subscriber = Subscriber {
+            link: None,
+            node: None,
+            address,
+            last_sign_of_life: Instant::now(),
+            last_attempt: None,
+            failing_since: None,
+            continuity: Continuity::default(),
+            frames: 0,
+            lost: 0,
+            epochs: 0,
+            rejected: 0,
+        };
+        subscriber.look_after_link()?;
+        Ok(subscriber)
+    }
+
+    /// The oldest unread frame, or `None` where there is none. Never waits. Called after each [`Subscriber::wait`] until it gives
+    /// `None`, it yields every frame.
+    ///
+    /// # Errors
+    /// [`IpcError::TooManyHeld`] where the caller holds as many frames as the driver allows, and those of [`Subscriber::open`].
+    #[allow(clippy::should_implement_trait, reason = "an iterator ends where this has to wait")]
+    pub fn next(&mut self) -> Result<Option<Frame>, IpcError> {
+        self.look_after_link()?;
+        while let Some(sample) = self.receive()? {
+            // Law 1.
+            let header = *sample.user_header();
+            match header.validate(sample.payload().len()) {
+                Ok(image_bytes) => return Ok(Some(self.accept(sample, header, image_bytes))),
+                Err(_) => self.rejected += 1,
+            }
+        }
+        Ok(None)
+    }
+
+    /// The newest unread frame, or `None` where there is none. Older ones are dropped, and do not count as lost: they could have been
+    /// read. Never waits.
+    ///
+    /// # Errors
+    /// As [`Subscriber::next`].
+    pub fn latest(&mut self) -> Result<Option<Frame>, IpcError> {
+        let mut passed_over = Step { lost: 0, epoch_changed: false };
+        while let Some(mut frame) = self.next()? {
+            frame.step.lost = frame.step.lost.saturating_add(passed_over.lost);
+            frame.step.epoch_changed |= passed_over.epoch_changed;
+            if !self.has_unread() {
+                return Ok(Some(frame));
+            }
+            passed_over = frame.step;
+        }
+        Ok(None)
+    }
+
+    /// Sleeps until a frame may be there, at most `timeout`. Returns whether one is. Works where the driver is not there yet, dies,
+    /// comes back, or makes its services anew. A signal handler does not end it.
+    ///
+    /// # Errors
+    /// Those of [`Subscriber::open`].
+    pub fn wait(&mut self, timeout: Duration) -> Result<bool, IpcError> {
+        let begin = Instant::now();
+        loop {
+            self.look_after_link()?;
+            if self.has_unread() {
+                return Ok(true);
+            }
+            let left = timeout.saturating_sub(begin.elapsed());
+            if left.is_zero() {
+                return Ok(false);
+            }
+            match &mut self.link {
+                None => std::thread::sleep(left.min(RETRY)),
+                Some(link) => link.sleep(left.min(NAP), &self.address)?,
+            }
+        }
+    }
+
+    /// Frames given out or passed over by [`Subscriber::latest`].
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Sum of [`Frame::lost_before`] over all frames.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Streams seen: 1 with the first frame, one more with each start of the driver and each reconnection of its camera.
+    pub fn epochs(&self) -> u64 {
+        self.epochs
+    }
+
+    /// Frames dropped because their header was not to be trusted.
+    pub fn rejected(&self) -> u64 {
+        self.rejected
+    }
+
+    /// Whether services of a driver are open at this moment, be the driver alive or not.
+    pub fn is_connected(&self) -> bool {
+        self.link.is_some()
+    }
+
+    fn accept(
+        &mut self,
+        sample: Sample<Ipc, [u8], FrameHeader>,
+        header: FrameHeader,
+        image_bytes: usize,
+    ) -> Frame {
+        let step = self.continuity.step(&header);
+        self.last_sign_of_life = Instant::now();
+        if self.frames == 0 || step.epoch_changed {
+            self.epochs += 1;
+        }
+        self.frames += 1;
+        self.lost = self.lost.saturating_add(step.lost);
+        Frame { sample, header, image_bytes, step }
+    }
+
+    fn receive(&mut self) -> Result<Option<Sample<Ipc, [u8], FrameHeader>>, IpcError> {
+        let Some(link) = &self.link else { return Ok(None) };
+        match link.subscriber.receive() {
+            Ok(sample) => Ok(sample),
+            Err(ReceiveError::ExceedsMaxBorrows) => Err(IpcError::TooManyHeld(self.address.camera.clone())),
+            Err(ReceiveError::ConnectionFailure(_)) => {
+                self.let_go();
+                Ok(None)
+            }
+        }
+    }
+
+    fn has_unread(&mut self) -> bool {
+        let unread = self.link.as_ref().map(|link| link.subscriber.has_samples());
+        unread.unwrap_or(Ok(false)).unwrap_or_else(|_| {
+            self.let_go();
+            false
+        })
+    }
+
+    /// A publisher that could not be connected to is not tried again by iceoryx2: all is opened anew.
+    fn let_go(&mut self) {
+        self.link = None;
+        self.node = None;
+    }
+
+    /// Connects where there is no link; lets go of one that has no driver behind it.
+    fn look_after_link(&mut self) -> Result<(), IpcError> {
+        let now = Instant::now();
+        let pause = if self.link.is_some() { SILENCE } else { RETRY };
+        let silent = now.duration_since(self.last_sign_of_life) >= pause;
+        let rested = self.last_attempt.is_none_or(|attempt| now.duration_since(attempt) >= pause);
+        if (self.link.is_some() && !silent) || !rested {
+            return Ok(());
+        }
+        self.last_attempt = Some(now);
+        match &self.link {
+            Some(link) if link.is_abandoned(&self.address) => self.let_go(),
+            Some(_) => {}
+            None => match self.connect() {
+                Ok(link) => {
+                    self.link = link;
+                    self.last_sign_of_life = now;
+                    self.failing_since = None;
+                }
+                Err(IpcError::System { .. })
+                    if now.duration_since(*self.failing_since.get_or_insert(now)) < TOLERANCE => {}
+                Err(error) => return Err(error),
+            },
+        }
+        Ok(())
+    }
+
+    fn connect(&mut self) -> Result<Option<Link>, IpcError> {
+        let node = match &self.node {
+            Some(node) => node,
+            None => self.node.insert(self.address.node()?),
+        };
+        Link::open(&self.address, node)
+    }
+}
+
+/// A connection to the services of a camera. Ports are dropped before the services that they belong to.
+#[derive(Debug)]
+struct Link {
+    /// Made by the first sleep: whoever polls costs the driver no wake-up.
+    listener: Option<Listener<Ipc>>,
+    subscriber: iceoryx2::port::subscriber::Subscriber<Ipc, [u8], FrameHeader>,
+    wake: WakeService,
+    frames: FrameService,
+}
+
+impl Link {
+    fn open(address: &Address, node: &Node<Ipc>) -> Result<Option<Link>, IpcError> {
+        let Some((frames, wake)) = address.open(node)? else { return Ok(None) };
+        let subscriber =
+            frames.subscriber_builder().set_degradation_handler(|_, _| DegradationAction::DegradeAndFail);
+        match subscriber.create() {
+            Ok(subscriber) => Ok(Some(Link { listener: None, subscriber, wake, frames })),
+            Err(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
+                Err(IpcError::TooManyConsumers(address.frames_name().to_owned()))
+            }
+            Err(source) => Err(address.failed("subscribing to", address.frames_name(), source)),
+        }
+    }
+
+    /// Sleeps until the driver wakes it, at most `timeout`. The first call returns at once: a frame may have come before the driver
+    /// knew that somebody sleeps.
+    fn sleep(&mut self, timeout: Duration, address: &Address) -> Result<(), IpcError> {
+        let Some(listener) = &self.listener else {
+            let listener = self.wake.listener_builder().create().map_err(|source| match source {
+                ListenerCreateError::ExceedsMaxSupportedListeners => {
+                    IpcError::TooManyConsumers(address.wake_name().to_owned())
+                }
+                _ => address.failed("listening to", address.wake_name(), source),
+            })?;
+            self.listener = Some(listener);
+            return Ok(());
+        };
+        match listener.timed_wait(|_| (), timeout) {
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
+            Err(source) => Err(address.failed("waiting for", address.wake_name(), source)),
+        }
+    }
+
+    /// Whether nothing is unread and nothing can come: there is no driver, or it uses other services under the same names.
+    fn is_abandoned(&self, address: &Address) -> bool {
+        if matches!(self.subscriber.has_samples(), Ok(true)) {
+            return false;
+        }
+        self.frames.dynamic_config().number_of_publishers() == 0 || !address.leads_to(&self.frames)
+    }
+}
+
+/// One frame, in the memory that the driver wrote. Dropped, it gives its slot back; a consumer may hold
+/// [`Settings::borrowed`] of them, also beyond the life of its [`Subscriber`].
+#[derive(Debug)]
+pub struct Frame {
+    sample: Sample<Ipc, [u8], FrameHeader>,
+    header: FrameHeader,
+    image_bytes: usize,
+    step: Step,
+}
+
+impl Frame {
+    /// The header: a checked copy.
+    pub fn header(&self) -> &FrameHeader {
+        &self.header
+    }
+
+    /// The image, row by row from the top, [`FrameHeader::stride`] bytes apart; ends with the last pixel of the last row.
+    pub fn pixels(&self) -> &[u8] {
+        self.sample.payload().get(..self.image_bytes).unwrap_or_default()
+    }
+
+    /// Frames that the device produced since the frame before and that did not reach this consumer: those that were never published
+    /// and those that it was too slow to read. Frames before the first one are nobody's loss.
+    pub fn lost_before(&self) -> u64 {
+        self.step.lost
+    }
+
+    /// Whether the driver or its camera started anew since the frame before. How long that took is in the stamps.
+    pub fn epoch_changed(&self) -> bool {
+        self.step.epoch_changed
+    }
+}

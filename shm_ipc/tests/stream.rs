@@ -1,0 +1,260 @@
+//! What a consumer gets of what a driver publishes.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
+
+mod support;
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use support::*;
+use uvcam_shm_ipc::{FrameHeader, LoanError, Publisher, Settings, monotonic_ns};
+
+#[test]
+fn every_frame_arrives_in_order_and_untouched() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let mut subscriber = place.subscriber();
+    let mut last_sent_ns = monotonic_ns();
+    for sequence in 0..200 {
+        assert_eq!(publish(&publisher, 7, sequence), 1, "consumers reached");
+        let frame = receive(&mut subscriber);
+        let sent_ns = frame.header().send_monotonic_ns;
+        assert!((last_sent_ns..=monotonic_ns()).contains(&sent_ns));
+        last_sent_ns = sent_ns;
+        assert_eq!(*frame.header(), FrameHeader { send_monotonic_ns: sent_ns, ..header(7, sequence) });
+        assert_pixels(&frame);
+        assert!(!frame.epoch_changed());
+    }
+    assert!(subscriber.next().unwrap().is_none());
+    let counts = (subscriber.frames(), subscriber.lost(), subscriber.epochs(), subscriber.rejected());
+    assert_eq!(counts, (200, 0, 1, 0));
+}
+
+#[test]
+fn what_overflowed_and_what_was_never_published_is_counted_exactly() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let mut subscriber = place.subscriber();
+    publish_after_loss(&publisher, 7, 0, 5);
+    assert_eq!(drain(&mut subscriber), [(0, 0)], "before the first frame, the consumer was not there");
+    publish_after_loss(&publisher, 7, 1, 3);
+    assert_eq!(drain(&mut subscriber), [(1, 3)]);
+    // Of 9 frames, 4 stay in the buffer; with the 5 that give way goes the word of 2 more.
+    (2..11).for_each(|sequence| {
+        publish_after_loss(&publisher, 7, sequence, if sequence == 4 { 2 } else { 0 });
+    });
+    assert_eq!(drain(&mut subscriber), [(7, 7), (8, 0), (9, 0), (10, 0)]);
+    assert_eq!((subscriber.frames(), subscriber.lost()), (6, 10));
+}
+
+#[test]
+fn latest_passes_over_older_frames_without_calling_them_lost() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let mut subscriber = place.subscriber();
+    (0..3).for_each(|sequence| _ = publish(&publisher, 7, sequence));
+    let frame = subscriber.latest().unwrap().unwrap();
+    assert_eq!((frame.header().sequence, frame.lost_before()), (2, 0));
+    assert_pixels(&frame);
+    publish_after_loss(&publisher, 7, 3, 4);
+    publish(&publisher, 7, 4);
+    let frame = subscriber.latest().unwrap().unwrap();
+    assert_eq!(
+        (frame.header().sequence, frame.lost_before()),
+        (4, 4),
+        "a loss among those passed over is told"
+    );
+    assert!(subscriber.latest().unwrap().is_none());
+    assert_eq!((subscriber.frames(), subscriber.lost()), (5, 4));
+}
+
+#[test]
+fn latest_works_with_all_but_one_frame_held() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let mut subscriber = place.subscriber();
+    publish(&publisher, 7, 0);
+    let held = receive(&mut subscriber);
+    (1..4).for_each(|sequence| _ = publish(&publisher, 7, sequence));
+    assert_eq!(subscriber.latest().unwrap().unwrap().header().sequence, 3);
+    assert_pixels(&held);
+}
+
+#[test]
+fn consumers_that_do_not_move_cost_the_driver_nothing() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let mut subscribers: Vec<_> = (0..2).map(|_| place.subscriber()).collect();
+    // Each holds all that it may, has a full buffer, and was asleep once, so that the driver notifies it.
+    let mut held = Vec::new();
+    for subscriber in &mut subscribers {
+        assert!(!subscriber.wait(Duration::from_millis(1)).unwrap());
+    }
+    for sequence in 0..2 {
+        publish(&publisher, 7, sequence);
+        held.extend(subscribers.iter_mut().map(receive));
+    }
+    for sequence in 2..2000 {
+        // All slots that the driver may have, out at once, every time.
+        let slots: Vec<_> = (0..LOANS).map(|_| publisher.loan().unwrap()).collect();
+        for slot in slots {
+            assert_eq!(publisher.publish(slot, &header(7, sequence)).unwrap(), 2);
+        }
+    }
+    held.iter().for_each(assert_pixels);
+}
+
+#[test]
+fn a_consumer_may_hold_as_many_frames_as_agreed() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let mut subscriber = place.subscriber();
+    (0..3).for_each(|sequence| _ = publish(&publisher, 7, sequence));
+    let first = receive(&mut subscriber);
+    let second = receive(&mut subscriber);
+    let error = subscriber.next().unwrap_err();
+    assert!(error.to_string().contains("drop one, or raise borrowed"), "{error}");
+    drop(first);
+    assert_eq!(receive(&mut subscriber).header().sequence, 2);
+    drop(subscriber);
+    assert_pixels(&second);
+}
+
+#[test]
+fn slots_keep_their_addresses_and_go_out_in_any_order() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let mut subscriber = place.subscriber();
+    let mut addresses = BTreeSet::new();
+    for round in 0..100 {
+        let mut slots: Vec<_> = (0..LOANS).map(|_| publisher.loan().unwrap()).collect();
+        assert_eq!(publisher.loan().unwrap_err(), LoanError::AllOnLoan(LOANS));
+        for slot in &mut slots {
+            assert_eq!(slot.address() % 64, 0);
+            assert_eq!(slot.as_mut_ptr().addr(), slot.address());
+            assert_eq!(slot.len(), FRAME_BYTES);
+            addresses.insert(slot.address());
+        }
+        let order = [round % 3, (round + 2) % 3, (round + 1) % 3];
+        let mut slots: Vec<_> = slots.into_iter().map(Some).collect();
+        for (place, index) in order.into_iter().enumerate() {
+            let slot = slots[index].take().unwrap();
+            match place {
+                // Dropped: back without being sent.
+                2 => drop(slot),
+                _ => _ = publisher.publish(slot, &header(7, 2 * round as u64 + place as u64)).unwrap(),
+            }
+        }
+        assert_eq!(drain(&mut subscriber).len(), 2);
+    }
+    let slots = place.settings.slots_needed(LOANS);
+    assert!(addresses.len() <= slots, "{} addresses, {slots} slots", addresses.len());
+}
+
+/// The file, and the place in it, that lies behind an address.
+fn behind(address: usize) -> (String, usize) {
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+    let line = maps.lines().find_map(|line| {
+        let mut fields = line.split_whitespace();
+        let (begin, end) = fields.next()?.split_once('-')?;
+        let begin = usize::from_str_radix(begin, 16).ok()?;
+        (begin..usize::from_str_radix(end, 16).ok()?).contains(&address).then_some((begin, fields))
+    });
+    let (begin, mut fields) = line.unwrap();
+    let offset = usize::from_str_radix(fields.nth(1).unwrap(), 16).unwrap();
+    (fields.collect::<Vec<_>>().join(" "), offset + address - begin)
+}
+
+#[test]
+fn a_consumer_reads_the_very_memory_that_the_driver_wrote() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let mut subscriber = place.subscriber();
+    for sequence in 0..20 {
+        let slot = publisher.loan().unwrap();
+        let written = behind(slot.address());
+        publisher.publish(slot, &header(7, sequence)).unwrap();
+        let frame = receive(&mut subscriber);
+        assert_eq!(behind(frame.pixels().as_ptr().addr()), written);
+        assert!(written.0.contains(&place.settings.prefix), "{}", written.0);
+    }
+}
+
+#[test]
+fn pixels_end_with_the_last_pixel() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let mut subscriber = place.subscriber();
+    let narrow = FrameHeader { width: WIDTH - 10, ..header(7, 0) };
+    publisher.publish(publisher.loan().unwrap(), &narrow).unwrap();
+    assert_eq!(receive(&mut subscriber).pixels().len(), FRAME_BYTES - 10);
+}
+
+#[test]
+fn a_header_that_does_not_describe_its_frame_is_not_published() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let mut subscriber = place.subscriber();
+    let larger = FrameHeader { height: HEIGHT + 1, ..header(7, 0) };
+    let error = publisher.publish(publisher.loan().unwrap(), &larger).unwrap_err();
+    assert!(error.to_string().contains("576 bytes does not fit in a payload of 512 bytes"), "{error}");
+    assert!(subscriber.next().unwrap().is_none());
+}
+
+#[test]
+fn the_memory_told_is_the_memory_taken() {
+    let place = Place::new();
+    let frame_bytes = 752 * 480;
+    let _publisher = Publisher::create(&place.settings, CAMERA, frame_bytes, LOANS).unwrap();
+    let taken: u64 = place.shared_memory().iter().map(|(_, bytes)| bytes).sum();
+    let told = place.settings.shared_memory_needed(frame_bytes, LOANS);
+    assert_eq!(place.settings.slots_needed(LOANS), 2 * (4 + 2) + 3);
+    assert!(taken <= told && told < taken + (2 << 20), "told {told}, taken {taken}");
+}
+
+#[test]
+fn everything_may_go_to_another_thread() {
+    fn assert_send<T: Send>() {}
+    assert_send::<uvcam_shm_ipc::Publisher>();
+    assert_send::<uvcam_shm_ipc::Slot>();
+    assert_send::<uvcam_shm_ipc::Subscriber>();
+    assert_send::<uvcam_shm_ipc::Frame>();
+}
+
+#[test]
+fn settings_beyond_their_limits_are_refused() {
+    let place = Place::new();
+    let refusal = |settings: Settings| {
+        Publisher::create(&settings, CAMERA, FRAME_BYTES, LOANS).unwrap_err().to_string()
+    };
+    let good = &place.settings;
+    assert!(
+        refusal(Settings { max_subscribers: 0, ..good.clone() }).contains("max_subscribers = 0: use 1 to 64")
+    );
+    assert!(refusal(Settings { buffer: 257, ..good.clone() }).contains("buffer = 257: use 1 to 256"));
+    assert!(refusal(Settings { borrowed: 65, ..good.clone() }).contains("borrowed = 65: use 1 to 64"));
+    assert!(refusal(Settings { prefix: "a/b".into(), ..good.clone() }).contains("prefix = \"a/b\""));
+    assert!(
+        refusal(Settings { root_path: "ipc".into(), ..good.clone() })
+            .contains("root_path = ipc: use an absolute path")
+    );
+    let longest = format!("/{}", "x".repeat(60 - good.prefix.len()));
+    assert!(refusal(Settings { root_path: longest.into(), ..good.clone() }).contains("at most 60 bytes"));
+}
+
+#[test]
+fn camera_names_that_cannot_be_are_refused() {
+    let place = Place::new();
+    for name in ["", "a/b", "left camera", "..", &"x".repeat(65)] {
+        let error = place.subscriber_of(name).unwrap_err();
+        assert!(error.to_string().contains(&format!("camera name \"{name}\"")), "{error}");
+    }
+}
+
+#[test]
+fn memory_that_is_not_there_is_refused_before_it_is_touched() {
+    let place = Place::new();
+    let error = Publisher::create(&place.settings, CAMERA, 1 << 50, LOANS).unwrap_err().to_string();
+    assert!(error.contains("/dev/shm has") && error.contains("MB (15 slots): enlarge /dev/shm"), "{error}");
+}
