@@ -1,0 +1,182 @@
+//! The command line. It only names things; [`crate::config`] and the commands give them meaning.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+/// Onboard camera driver: fixed exposure, airframe mask applied in line, frames to every consumer without a copy.
+#[derive(Debug, Parser)]
+#[command(name = "uvcam", version, propagate_version = true)]
+#[command(
+    after_help = "Exit codes: 0 done, 2 usage or configuration, 3 refused as unsafe, 4 camera, 5 shared memory.\n\
+    Status goes to stderr, data to stdout. UVCAM_LOG=debug says more."
+)]
+pub struct Arguments {
+    /// Configuration file; without it the built-in one is used (see `uvcam config`)
+    #[arg(long, global = true, value_name = "FILE", env = "UVCAM_CONFIG")]
+    pub config: Option<PathBuf>,
+    /// What to do
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run the driver: capture, mask and publish every configured camera
+    Run(Run),
+    /// List the cameras that can be opened
+    List(List),
+    /// Read a camera's frames as any consumer would, and report what arrived
+    Watch(Watch),
+    /// Work on mask files
+    #[command(subcommand)]
+    Mask(Mask),
+    /// Print the commented default configuration
+    Config,
+    /// Show the whole chain on a simulated camera, and leave pictures of it
+    Demo(Demo),
+}
+
+/// `uvcam run`
+#[derive(Debug, Args)]
+pub struct Run {
+    /// Stop after this many seconds
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub duration: Option<f64>,
+}
+
+/// `uvcam list`
+#[derive(Debug, Args)]
+pub struct List {
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `uvcam watch`
+#[derive(Debug, Args)]
+pub struct Watch {
+    /// Name of the camera in the driver's configuration
+    pub camera: String,
+    /// Stop after this many frames
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub frames: Option<u64>,
+    /// Stop after this many seconds without a frame
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub timeout: Option<f64>,
+    /// Count masked pixels that are not black under this mask
+    #[arg(long, value_name = "FILE")]
+    pub mask: Option<PathBuf>,
+    /// Save every frame as PNG in this folder
+    #[arg(long, value_name = "DIR")]
+    pub save: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `uvcam mask`
+#[derive(Debug, Subcommand)]
+pub enum Mask {
+    /// Say whether a mask can fly, and what is wrong with it
+    Check(MaskCheck),
+    /// Blank the masked pixels of a picture
+    Apply(MaskApply),
+    /// Make a mask binary and fill white holes and islets below 8 px
+    Repair(MaskRepair),
+}
+
+/// `uvcam mask check`
+#[derive(Debug, Args)]
+pub struct MaskCheck {
+    /// The mask, a PNG
+    pub file: PathBuf,
+    /// Size of the camera's image, px
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<(u32, u32)>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `uvcam mask apply`
+#[derive(Debug, Args)]
+pub struct MaskApply {
+    /// The mask, a PNG
+    #[arg(long, value_name = "FILE")]
+    pub mask: PathBuf,
+    /// The picture, a PNG
+    #[arg(value_name = "IN.png")]
+    pub input: PathBuf,
+    /// Where to write the masked picture
+    #[arg(value_name = "OUT.png")]
+    pub output: PathBuf,
+}
+
+/// `uvcam mask repair`
+#[derive(Debug, Args)]
+pub struct MaskRepair {
+    /// Grey level from which a pixel is kept; needed where the mask is not binary
+    #[arg(long, value_name = "LEVEL", value_parser = clap::value_parser!(u8).range(1..))]
+    pub threshold: Option<u8>,
+    /// The mask, a PNG
+    #[arg(value_name = "IN.png")]
+    pub input: PathBuf,
+    /// Where to write the repaired mask
+    #[arg(value_name = "OUT.png")]
+    pub output: PathBuf,
+}
+
+/// `uvcam demo`
+#[derive(Debug, Args)]
+pub struct Demo {
+    /// Folder for input.png, mask.png and masked.png
+    #[arg(long, value_name = "DIR", default_value = "demo")]
+    pub out: PathBuf,
+    /// How long to run
+    #[arg(long, value_name = "S", default_value = "10", value_parser = seconds)]
+    pub seconds: f64,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("\"{text}\" is not a number of seconds"))?;
+    // The bound keeps the value inside what Duration can hold.
+    if value.is_finite() && value > 0.0 && value <= 1e9 {
+        Ok(value)
+    } else {
+        Err(format!("{text} s is not between 0 and 1e9 s"))
+    }
+}
+
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let wrong = || format!("\"{text}\" is not a size such as 752x480");
+    let (width, height) = text.split_once('x').ok_or_else(wrong)?;
+    match (width.parse(), height.parse()) {
+        (Ok(width), Ok(height)) if width > 0 && height > 0 => Ok((width, height)),
+        _ => Err(wrong()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn sizes_and_seconds_refuse_nonsense() {
+        assert_eq!(size("752x480"), Ok((752, 480)));
+        for text in ["752", "752x", "0x480", "-1x4", "752X480", "99999999999x1"] {
+            assert!(size(text).is_err(), "{text}");
+        }
+        assert_eq!(seconds("1.5"), Ok(1.5));
+        for text in ["0", "-1", "nan", "inf", "1e300", "soon"] {
+            assert!(seconds(text).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! A camera: anything that fills slots of shared memory with frames.
+//!
+//! The frame path owns the rhythm: it hands empty [`Slot`]s to a camera with [`Camera::queue`], waits for filled ones with
+//! [`Camera::next`], masks and publishes them. A camera never touches a pixel after it has reported the frame complete.
+//!
+//! Each implementation lives in a file of its own: [`simulated`] and [`replay`] need no hardware, [`aravis`] speaks USB3 Vision
+//! and GigE Vision. All of them pass one conformance suite.
+
+use std::time::Duration;
+
+use uvcam_shm_ipc::{PixelFormat, Slot};
+
+pub mod aravis;
+mod error;
+mod frame_id;
+mod paced;
+pub mod replay;
+pub mod simulated;
+
+pub use error::CameraError;
+
+/// A camera that has been opened. It belongs to one thread, from opening to drop.
+///
+/// The order of calls is `configure`, then `queue` and `start`, then `next` and `queue` in turn, then `stop`.
+/// Dropping a camera stops it and gives every queued slot back.
+pub trait Camera {
+    /// Who the device says it is.
+    fn identity(&self) -> &Identity;
+
+    /// Fixes exposure, gain, format, region and frame rate, with all automatics off, and reads every one of them back.
+    ///
+    /// # Errors
+    /// [`CameraError::Refused`] where the device applied something else than was asked, beyond its own step, or where the
+    /// exposure does not fit the frame period; [`CameraError::Disconnected`] or [`CameraError::Device`] where it does not answer.
+    /// After an error the camera must not be started.
+    fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError>;
+
+    /// Hands over an empty slot of exactly [`Applied::payload_bytes`] to be filled, before or after `start`.
+    ///
+    /// # Errors
+    /// [`CameraError::Device`] where the slot has another size.
+    fn queue(&mut self, slot: Slot) -> Result<(), CameraError>;
+
+    /// Starts acquisition. Frame ids start anew.
+    ///
+    /// # Errors
+    /// [`CameraError::Disconnected`] or [`CameraError::Device`].
+    fn start(&mut self) -> Result<(), CameraError>;
+
+    /// Waits at most `timeout` for the next frame, in the order in which the device exposed them.
+    ///
+    /// # Errors
+    /// [`CameraError::Disconnected`] where the device is gone, [`CameraError::Device`] where it failed. The camera is to be
+    /// dropped and opened again.
+    fn next(&mut self, timeout: Duration) -> Result<Event, CameraError>;
+
+    /// Stops acquisition and gives the queued slots back to their publisher.
+    fn stop(&mut self);
+}
+
+/// What became of a queued slot.
+#[derive(Debug)]
+pub enum Event {
+    /// The slot holds one whole frame.
+    Complete(Capture),
+    /// The device sent a frame of which a part is missing; its pixels must not be used. The slot can be queued again.
+    Incomplete(Slot),
+    /// No frame ended within the timeout.
+    Timeout,
+}
+
+/// One whole frame, still in the slot that the camera wrote.
+#[derive(Debug)]
+pub struct Capture {
+    /// The pixels.
+    pub slot: Slot,
+    /// The device's own count of frames since `start`, freed from wrap-around: a step of `n` means that `n - 1` frames were
+    /// produced and never delivered.
+    pub frame_id: u64,
+    /// The device's clock in nanoseconds, at the instant that the device defines; `None` where it has no clock.
+    pub device_timestamp_ns: Option<u64>,
+    /// CLOCK_MONOTONIC in nanoseconds when the frame was complete in memory.
+    pub arrival_monotonic_ns: u64,
+}
+
+/// Who a device says it is.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Identity {
+    /// The `kind` that a configuration names: `aravis`, `simulated`, `replay`, `v4l2`.
+    pub kind: &'static str,
+    /// Manufacturer (SFNC `DeviceVendorName`).
+    pub vendor: String,
+    /// Model (SFNC `DeviceModelName`).
+    pub model: String,
+    /// Serial number (SFNC `DeviceSerialNumber`), by which a configuration finds the device.
+    pub serial: String,
+    /// How it is connected: `USB3Vision`, `GigEVision`, `none`, ...
+    pub transport: String,
+    /// Where it is connected: an IP address, a device node, a folder.
+    pub address: String,
+}
+
+/// What the configuration asks of a camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Columns of the image (SFNC `Width`).
+    pub width: u32,
+    /// Rows of the image (SFNC `Height`).
+    pub height: u32,
+    /// Left edge of the region on the sensor, px (SFNC `OffsetX`).
+    pub offset_x: u32,
+    /// Upper edge of the region on the sensor, px (SFNC `OffsetY`).
+    pub offset_y: u32,
+    /// Pixel format by its PFNC name.
+    pub pixel_format: PixelFormat,
+    /// Frames a second (SFNC `AcquisitionFrameRate`).
+    pub fps: f64,
+    /// Exposure time in microseconds (SFNC `ExposureTime`).
+    pub exposure_us: f64,
+    /// Gain in decibels (SFNC `Gain`).
+    pub gain_db: f64,
+}
+
+/// What a camera applied, as it read back.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Applied {
+    /// Columns of the image.
+    pub width: u32,
+    /// Rows of the image.
+    pub height: u32,
+    /// Bytes from one row to the next.
+    pub stride: u32,
+    /// Pixel format.
+    pub pixel_format: PixelFormat,
+    /// Frames a second.
+    pub fps: f64,
+    /// Exposure time in microseconds.
+    pub exposure_us: f64,
+    /// Gain in decibels.
+    pub gain_db: f64,
+    /// Bytes of one frame: the exact size of a slot.
+    pub payload_bytes: usize,
+}
+
+impl Settings {
+    /// Refuses an exposure that, with the sensor's readout, is longer than the frame period: the camera would silently run
+    /// at a lower rate.
+    ///
+    /// # Errors
+    /// [`CameraError::Refused`] with the largest exposure that fits.
+    pub fn check_exposure_fits(&self, readout_us: f64) -> Result<(), CameraError> {
+        let largest_us = 1e6 / self.fps - readout_us;
+        if self.exposure_us <= largest_us {
+            return Ok(());
+        }
+        let remedy = if largest_us > 0.0 {
+            format!("the largest exposure_us that fits at {} fps is {}", self.fps, largest_us.floor())
+        } else {
+            format!("no exposure fits: the readout alone allows {:.1} fps", 1e6 / readout_us)
+        };
+        Err(CameraError::Refused {
+            setting: "exposure_us",
+            asked: self.exposure_us.to_string(),
+            applied: format!(
+                "{:.0} us with the readout of {readout_us:.0} us, in a frame period of {:.0} us",
+                self.exposure_us + readout_us,
+                1e6 / self.fps
+            ),
+            remedy,
+        })
+    }
+}
+
+/// Refuses a setting that reads back as another value than was asked, beyond the device's step.
+///
+/// # Errors
+/// [`CameraError::Refused`] with both values and the step.
+pub fn verify(setting: &'static str, asked: f64, applied: f64, step: f64) -> Result<(), CameraError> {
+    // A device rounds to its grid; the last digits of a float conversion come on top.
+    let tolerance = step.abs() + asked.abs() * 1e-6 + 1e-9;
+    if (asked - applied).abs() <= tolerance {
+        return Ok(());
+    }
+    Err(CameraError::Refused {
+        setting,
+        asked: asked.to_string(),
+        applied: applied.to_string(),
+        remedy: format!(
+            "set {setting} = {applied}, or a value that the device can apply (its step is {step})"
+        ),
+    })
+}

@@ -1,0 +1,184 @@
+//! USB3 Vision and GigE Vision cameras, through the library aravis (0.8.20 or later).
+
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use aravis::glib::object::Cast;
+use aravis::prelude::*;
+use aravis::{GvDevice, UvUsbMode};
+use uvcam_shm_ipc::Slot;
+
+use super::frame_id::FrameIdUnwrapper;
+use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
+use features::{Features, failed};
+use stream::SlotStream;
+
+mod configure;
+mod discovery;
+mod features;
+mod gige;
+mod stream;
+
+const KIND: &str = "aravis";
+
+/// All connected USB3 Vision and GigE Vision cameras. Takes about a second, for which every network interface is asked.
+///
+/// A USB camera is listed only where the access rights let the driver open it.
+pub fn list() -> Vec<Identity> {
+    discovery::list()
+}
+
+/// An opened camera.
+pub struct AravisCamera {
+    // Dropped first: its slots must not outlive the stream, nor the stream its camera.
+    slots: SlotStream,
+    camera: aravis::Camera,
+    identity: Identity,
+    /// Set by a thread of the library when the device is gone.
+    control_lost: Arc<AtomicBool>,
+    applied: Option<Applied>,
+    frame_ids: FrameIdUnwrapper,
+    has_clock: bool,
+}
+
+impl AravisCamera {
+    /// Opens the camera whose serial, device id (`Vendor-Model-Serial`) or IPv4 address is `serial`. An address is opened
+    /// directly; anything else is looked for on USB first, then on the network, which takes a second. `Fake_1` is the library's
+    /// camera in this process.
+    ///
+    /// # Errors
+    /// [`CameraError::Absent`] with what was found instead; [`CameraError::Device`] where another program controls it.
+    pub fn open(serial: &str) -> Result<Self, CameraError> {
+        let discovery::Opened { camera, identity } = discovery::open(serial)?;
+        let control_lost = Arc::new(AtomicBool::new(false));
+        let mut has_clock = true;
+        if let Some(device) = camera.device() {
+            let flag = Arc::clone(&control_lost);
+            // On a thread of the library: nothing but the flag. Relaxed, as it carries no data.
+            device.connect_control_lost(move |_| flag.store(true, Ordering::Relaxed));
+            if let Some(device) = device.downcast_ref::<GvDevice>() {
+                // Without a frequency the library stamps with the host's clock instead.
+                has_clock = device.timestamp_tick_frequency().is_ok_and(|frequency| frequency > 0);
+            }
+        }
+        Ok(AravisCamera {
+            slots: SlotStream::default(),
+            camera,
+            identity,
+            control_lost,
+            applied: None,
+            frame_ids: FrameIdUnwrapper::default(),
+            has_clock,
+        })
+    }
+
+    fn is_gone(&self) -> bool {
+        self.control_lost.load(Ordering::Relaxed)
+    }
+
+    fn disconnected(&self, doing: &'static str) -> CameraError {
+        CameraError::Disconnected { serial: self.identity.serial.clone(), doing }
+    }
+
+    fn failed(&self, doing: &'static str, error: aravis::glib::Error) -> CameraError {
+        match self.is_gone() {
+            true => self.disconnected(doing),
+            false => failed(&self.identity.serial, doing, error),
+        }
+    }
+
+    fn misused(&self, doing: &'static str, cause: String) -> CameraError {
+        CameraError::Device { serial: self.identity.serial.clone(), doing, cause }
+    }
+}
+
+impl Camera for AravisCamera {
+    fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError> {
+        self.stop();
+        self.applied = None;
+        let features = Features { camera: &self.camera, serial: &self.identity.serial };
+        let applied = configure::configure(&features, settings).map_err(|error| match error {
+            CameraError::Device { doing, .. } if self.is_gone() => self.disconnected(doing),
+            error => error,
+        })?;
+        Ok(self.applied.insert(applied).clone())
+    }
+
+    fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
+        let payload_bytes = self.applied.as_ref().map(|applied| applied.payload_bytes);
+        if payload_bytes != Some(slot.len()) {
+            let cause = format!("a slot of {} bytes, a frame of {payload_bytes:?}", slot.len());
+            return Err(self.misused("queueing", cause));
+        }
+        self.slots.queue(slot);
+        Ok(())
+    }
+
+    fn start(&mut self) -> Result<(), CameraError> {
+        let Some(applied) = &self.applied else {
+            return Err(self.misused("starting", "it was not configured".into()));
+        };
+        if self.slots.is_started() {
+            return Err(self.misused("starting", "it is started already".into()));
+        }
+        if self.camera.is_uv_device() {
+            // Up to 0.8.28, the asynchronous mode takes a whole processor core while no slot is queued.
+            self.camera.uv_set_usb_mode(UvUsbMode::Sync);
+        }
+        if self.camera.is_gv_device() {
+            gige::prepare(&self.camera);
+        }
+        let stream = self.camera.create_stream().map_err(|error| self.failed("starting", error))?;
+        gige::tune(&stream, &self.identity.serial, applied.payload_bytes);
+        self.frame_ids = FrameIdUnwrapper::default();
+        self.slots.start(stream);
+        self.camera.start_acquisition().map_err(|error| self.failed("starting", error))
+    }
+
+    fn next(&mut self, timeout: Duration) -> Result<Event, CameraError> {
+        if self.is_gone() {
+            return Err(self.disconnected("streaming"));
+        }
+        let Some(filled) = self.slots.next(timeout) else {
+            return match self.is_gone() {
+                true => Err(self.disconnected("streaming")),
+                false => Ok(Event::Timeout),
+            };
+        };
+        let Some(frame) = filled.frame else {
+            return Ok(Event::Incomplete(filled.slot));
+        };
+        Ok(Event::Complete(Capture {
+            slot: filled.slot,
+            frame_id: self.frame_ids.unwrap(frame.id),
+            device_timestamp_ns: self.has_clock.then_some(frame.timestamp_ns),
+            arrival_monotonic_ns: filled.arrival_monotonic_ns,
+        }))
+    }
+
+    fn stop(&mut self) {
+        // A device that is gone would be waited for, and one that does not stop is stopped by the end of its stream.
+        if self.slots.is_started() && !self.is_gone() {
+            let _ = self.camera.stop_acquisition();
+        }
+        self.slots.stop();
+    }
+}
+
+impl Drop for AravisCamera {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+impl fmt::Debug for AravisCamera {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("AravisCamera").field("identity", &self.identity).finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,57 @@
+//! What can go wrong with a camera.
+
+use thiserror::Error;
+
+/// Why a camera cannot be used, or can no longer be used.
+#[derive(Debug, Error)]
+pub enum CameraError {
+    /// No such device is connected.
+    #[error(
+        "{kind} camera \"{wanted}\" is not connected; found: {found}; check the cable and the serial (uvcam list)"
+    )]
+    Absent {
+        /// The kind of the source.
+        kind: &'static str,
+        /// The serial, address or folder that was asked for.
+        wanted: String,
+        /// What was found instead.
+        found: String,
+    },
+    /// The device applied something else than was asked, so its frames would not be what the configuration promises.
+    #[error("{setting} = {asked} refused: the camera gives {applied}; {remedy}")]
+    Refused {
+        /// The key in the configuration.
+        setting: &'static str,
+        /// The value asked for.
+        asked: String,
+        /// What the device answered.
+        applied: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// The device was there and is gone.
+    #[error("camera {serial} disconnected while {doing}; check cable and power")]
+    Disconnected {
+        /// Its serial.
+        serial: String,
+        /// What the driver was doing.
+        doing: &'static str,
+    },
+    /// The device or its transport failed.
+    #[error("camera {serial} failed while {doing}: {cause}")]
+    Device {
+        /// Its serial.
+        serial: String,
+        /// What the driver was doing.
+        doing: &'static str,
+        /// What the device or its library said.
+        cause: String,
+    },
+}
+
+impl CameraError {
+    /// Whether trying again cannot help until the configuration changes.
+    pub fn is_refusal(&self) -> bool {
+        matches!(self, CameraError::Refused { .. })
+    }
+}

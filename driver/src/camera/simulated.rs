@@ -1,0 +1,244 @@
+//! A simulated camera: an airframe under a moving lamp, blinking markers, sensor noise, and faults by script.
+//!
+//! [`Device`] is the hardware: it outlives an unplugging and remembers which faults have happened. [`SimulatedCamera`] is the
+//! opened handle.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use uvcam_shm_ipc::{Slot, monotonic_ns};
+
+use super::paced::{Paced, deadline, sleep_until};
+use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings, verify};
+use crate::config::{FaultKind, Simulated};
+
+mod scene;
+
+use scene::Scene;
+pub use scene::airframe;
+
+/// The simulated hardware. Clones are the same device.
+#[derive(Debug, Clone)]
+pub struct Device {
+    script: Arc<Simulated>,
+    state: Arc<Mutex<State>>,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    /// Frames exposed since the device was made, over all openings.
+    exposed: u64,
+    /// Faults of the script that have begun.
+    begun: usize,
+    unplugged_until: Option<Instant>,
+    frozen_until: Option<Instant>,
+    /// Frames still to be spoilt by the fault that is under way.
+    lose: u64,
+    tear: u64,
+}
+
+impl Device {
+    /// A device that behaves as the script says.
+    pub fn new(script: Simulated) -> Self {
+        Device { script: Arc::new(script), state: Arc::default() }
+    }
+
+    /// Opens the camera.
+    ///
+    /// # Errors
+    /// [`CameraError::Absent`] while it is unplugged.
+    pub fn open(&self) -> Result<SimulatedCamera, CameraError> {
+        if self.state().unplugged_until.is_some_and(|until| Instant::now() < until) {
+            return Err(CameraError::Absent {
+                kind: "simulated",
+                wanted: self.script.serial.clone(),
+                found: "none (unplugged by its script)".into(),
+            });
+        }
+        Ok(SimulatedCamera {
+            identity: Identity {
+                kind: "simulated",
+                vendor: "uvcam".into(),
+                model: "simulated".into(),
+                serial: self.script.serial.clone(),
+                transport: "none".into(),
+                address: "none".into(),
+            },
+            device: self.clone(),
+            scene: None,
+            paced: Paced::default(),
+            fps: 0.0,
+        })
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        // The state is plain numbers: valid whatever happened to another holder.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What happens to the frame that is due.
+enum Fate {
+    Whole,
+    Lost,
+    Incomplete,
+    Frozen,
+    Unplugged,
+}
+
+impl State {
+    fn fate_of_next(&mut self, script: &Simulated) -> Fate {
+        let now = Instant::now();
+        while let Some(fault) = script.faults.get(self.begun).filter(|fault| fault.at_frame <= self.exposed) {
+            self.begun += 1;
+            match fault.kind {
+                FaultKind::Lost { count } => self.lose += count,
+                FaultKind::Incomplete { count } => self.tear += count,
+                FaultKind::Freeze { seconds } => {
+                    self.frozen_until = Some(now + Duration::from_secs_f64(seconds))
+                }
+                FaultKind::Unplug { seconds } => {
+                    self.unplugged_until = Some(now + Duration::from_secs_f64(seconds));
+                    return Fate::Unplugged;
+                }
+            }
+        }
+        if self.frozen_until.is_some() {
+            return Fate::Frozen;
+        }
+        self.exposed += 1;
+        if self.lose > 0 {
+            self.lose -= 1;
+            Fate::Lost
+        } else if self.tear > 0 {
+            self.tear -= 1;
+            Fate::Incomplete
+        } else {
+            Fate::Whole
+        }
+    }
+}
+
+/// An opened simulated camera.
+#[derive(Debug)]
+pub struct SimulatedCamera {
+    identity: Identity,
+    device: Device,
+    scene: Option<Scene>,
+    paced: Paced,
+    fps: f64,
+}
+
+impl SimulatedCamera {
+    fn disconnected(&self, doing: &'static str) -> CameraError {
+        CameraError::Disconnected { serial: self.identity.serial.clone(), doing }
+    }
+
+    fn not_configured(&self, doing: &'static str) -> CameraError {
+        CameraError::Device {
+            serial: self.identity.serial.clone(),
+            doing,
+            cause: "it is not configured".into(),
+        }
+    }
+
+    /// A frozen device is silent until its time is over, then goes on.
+    fn thaw(&mut self, deadline_ns: u64) -> bool {
+        let Some(until) = self.device.state().frozen_until else { return true };
+        let left = until.saturating_duration_since(Instant::now());
+        if deadline(left) > deadline_ns {
+            sleep_until(deadline_ns);
+            return false;
+        }
+        sleep_until(deadline(left));
+        self.device.state().frozen_until = None;
+        self.paced.resume();
+        true
+    }
+}
+
+impl Camera for SimulatedCamera {
+    fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError> {
+        settings.check_exposure_fits(self.device.script.readout_us)?;
+        // As a sensor does, it knows exposures of whole microseconds and gains of tenths of a decibel.
+        let (exposure_us, gain_db) = (settings.exposure_us.round(), (settings.gain_db * 10.0).round() / 10.0);
+        verify("exposure_us", settings.exposure_us, exposure_us, 1.0)?;
+        verify("gain_db", settings.gain_db, gain_db.clamp(0.0, 24.0), 0.1)?;
+        let scene = Scene::new(settings, exposure_us, gain_db, self.device.script.still);
+        self.scene = Some(scene);
+        self.fps = settings.fps;
+        Ok(Applied {
+            width: settings.width,
+            height: settings.height,
+            stride: settings.width * settings.pixel_format.bytes_per_pixel() as u32,
+            pixel_format: settings.pixel_format,
+            fps: settings.fps,
+            exposure_us,
+            gain_db,
+            payload_bytes: settings.frame_bytes(),
+        })
+    }
+
+    fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
+        let needed = self.scene.as_ref().map_or(0, Scene::frame_bytes);
+        if slot.len() != needed {
+            let cause = format!("the slot has {} bytes, a frame {needed}", slot.len());
+            return Err(CameraError::Device {
+                serial: self.identity.serial.clone(),
+                doing: "queueing a slot",
+                cause,
+            });
+        }
+        self.paced.queue(slot);
+        Ok(())
+    }
+
+    fn start(&mut self) -> Result<(), CameraError> {
+        if self.scene.is_none() {
+            return Err(self.not_configured("starting"));
+        }
+        self.paced.start(self.fps);
+        Ok(())
+    }
+
+    fn next(&mut self, timeout: Duration) -> Result<Event, CameraError> {
+        let deadline_ns = deadline(timeout);
+        loop {
+            if !self.thaw(deadline_ns) {
+                return Ok(Event::Timeout);
+            }
+            let Some(due) = self.paced.next(deadline_ns) else { return Ok(Event::Timeout) };
+            let fate = self.device.state().fate_of_next(&self.device.script);
+            let Some(scene) = &self.scene else { return Err(self.not_configured("waiting for a frame")) };
+            match fate {
+                Fate::Whole => {
+                    let mut slot = due.slot;
+                    scene.render(due.frame_id, slot.pixels_mut());
+                    return Ok(Event::Complete(Capture {
+                        slot,
+                        frame_id: due.frame_id,
+                        device_timestamp_ns: Some(due.timestamp_ns),
+                        arrival_monotonic_ns: monotonic_ns(),
+                    }));
+                }
+                Fate::Incomplete => {
+                    let mut slot = due.slot;
+                    let half = slot.len() / 2;
+                    scene.render_rows_until(due.frame_id, half, slot.pixels_mut());
+                    return Ok(Event::Incomplete(slot));
+                }
+                Fate::Lost => self.paced.requeue(due.slot),
+                Fate::Frozen => self.paced.withdraw(due),
+                Fate::Unplugged => return Err(self.disconnected("waiting for a frame")),
+            }
+        }
+    }
+
+    fn stop(&mut self) {
+        self.paced.stop();
+    }
+}

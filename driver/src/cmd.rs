@@ -1,0 +1,55 @@
+//! The commands, one file each. Status goes to stderr, data to stdout.
+
+use std::io::{IsTerminal, Write};
+use std::path::Path;
+
+use tracing_subscriber::EnvFilter;
+
+use crate::args::{Arguments, Command};
+use crate::config::{self, Config};
+use crate::error::{Error, with_causes};
+use crate::exit::Exit;
+
+mod demo;
+mod list;
+mod mask;
+mod run;
+mod watch;
+
+/// Does what the command line asks, and says how it ended.
+pub fn execute(arguments: Arguments) -> Exit {
+    let filter = EnvFilter::try_from_env("UVCAM_LOG").unwrap_or_else(|_| EnvFilter::new("info"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .init();
+    let file = arguments.config.as_deref();
+    let outcome = match arguments.command {
+        Command::Run(run) => load(file).and_then(|config| run::execute(&run, &config)),
+        Command::List(list) => list::execute(&list),
+        Command::Watch(watch) => load(file).and_then(|config| watch::execute(&watch, &config)),
+        Command::Mask(mask) => mask::execute(&mask),
+        Command::Config => print(config::DEFAULT.trim_end()).map(|()| Exit::Done),
+        Command::Demo(demo) => demo::execute(&demo),
+    };
+    outcome.unwrap_or_else(|error| {
+        tracing::error!("{}", with_causes(&error));
+        error.exit()
+    })
+}
+
+fn load(file: Option<&Path>) -> Result<Config, Error> {
+    Ok(Config::load(file)?)
+}
+
+/// Prints data to stdout. A reader that has seen enough and closed the pipe is no error.
+fn print(text: &str) -> Result<(), Error> {
+    match writeln!(std::io::stdout().lock(), "{text}") {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::System { doing: "writing to", path: "stdout".into(), source: error })
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,36 @@
+//! `uvcam list`: the cameras that can be opened.
+
+use crate::args;
+use crate::camera::{Identity, aravis};
+use crate::error::Error;
+use crate::exit::Exit;
+
+pub(super) fn execute(arguments: &args::List) -> Result<Exit, Error> {
+    let cameras = aravis::list();
+    if arguments.json {
+        // A list of plain texts always has a JSON form.
+        super::print(&serde_json::to_string_pretty(&cameras).unwrap_or_default())?;
+        return Ok(Exit::Done);
+    }
+    if cameras.is_empty() {
+        tracing::warn!("no camera found; check cables, power, and the rights on the device (udev rules)");
+        return Ok(Exit::Done);
+    }
+    super::print(&table(&cameras))?;
+    Ok(Exit::Done)
+}
+
+fn table(cameras: &[Identity]) -> String {
+    let mut rows = vec![["KIND", "SERIAL", "MODEL", "VENDOR", "TRANSPORT", "ADDRESS"].map(String::from)];
+    rows.extend(cameras.iter().map(|camera| {
+        let Identity { kind, serial, model, vendor, transport, address } = camera.clone();
+        [kind.into(), serial, model, vendor, transport, address]
+    }));
+    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..6).map(width).collect();
+    let lines = rows.iter().map(|row| {
+        let cells = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}"));
+        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    });
+    lines.collect::<Vec<_>>().join("\n")
+}

@@ -1,0 +1,145 @@
+//! `uvcam mask`: work on mask files.
+
+use serde::Serialize;
+use uvcam_masker::check::{self, Report, Severity};
+use uvcam_masker::{ImageViewMut, Mask, MaskId, file};
+
+use crate::args;
+use crate::error::Error;
+use crate::exit::Exit;
+
+/// White islets smaller than this in both directions are filled, px: a marker detector fires on them.
+const ISLET_PX: u32 = 8;
+
+pub(super) fn execute(arguments: &args::Mask) -> Result<Exit, Error> {
+    match arguments {
+        args::Mask::Check(arguments) => check(arguments),
+        args::Mask::Apply(arguments) => apply(arguments),
+        args::Mask::Repair(arguments) => repair(arguments),
+    }
+}
+
+#[derive(Serialize)]
+struct CheckReport {
+    width: u32,
+    height: u32,
+    masked_px: u64,
+    runs: usize,
+    parts: Vec<Part>,
+    grey_px: u64,
+    mask_id: Option<String>,
+    problems: Vec<Finding>,
+}
+
+#[derive(Serialize)]
+struct Part {
+    area_px: u64,
+    x: u32,
+    y: u32,
+    width: u32,
+    height: u32,
+}
+
+#[derive(Serialize)]
+struct Finding {
+    severity: &'static str,
+    text: String,
+}
+
+fn check(arguments: &args::MaskCheck) -> Result<Exit, Error> {
+    let picture = file::read_gray(&arguments.file).map_err(Error::MaskFile)?;
+    let report = check::check(&picture, arguments.size);
+    if arguments.json {
+        // A value of plain numbers and texts always has a JSON form.
+        super::print(&serde_json::to_string_pretty(&json(&report)).unwrap_or_default())?;
+    } else {
+        super::print(&table(&report))?;
+    }
+    for problem in &report.problems {
+        match problem.severity() {
+            Severity::Refused => tracing::error!("{}: {problem}", arguments.file.display()),
+            Severity::Warning => tracing::warn!("{}: {problem}", arguments.file.display()),
+        }
+    }
+    Ok(if report.can_fly() { Exit::Done } else { Exit::Refused })
+}
+
+fn json(report: &Report) -> CheckReport {
+    CheckReport {
+        width: report.width,
+        height: report.height,
+        masked_px: report.masked_px,
+        runs: report.runs,
+        parts: report
+            .parts
+            .iter()
+            .map(|part| Part {
+                area_px: part.area_px,
+                x: part.x,
+                y: part.y,
+                width: part.width,
+                height: part.height,
+            })
+            .collect(),
+        grey_px: report.grey_px,
+        mask_id: (report.mask_id != MaskId::NONE).then(|| report.mask_id.to_string()),
+        problems: report
+            .problems
+            .iter()
+            .map(|problem| Finding { severity: severity(problem.severity()), text: problem.to_string() })
+            .collect(),
+    }
+}
+
+fn severity(severity: Severity) -> &'static str {
+    match severity {
+        Severity::Warning => "warning",
+        Severity::Refused => "refused",
+    }
+}
+
+fn table(report: &Report) -> String {
+    let total = (f64::from(report.width) * f64::from(report.height)).max(1.0);
+    let areas: Vec<String> = report.parts.iter().map(|part| part.area_px.to_string()).collect();
+    let id = if report.mask_id == MaskId::NONE { "none".into() } else { report.mask_id.to_string() };
+    format!(
+        "size    {}x{}\nmasked  {} px ({:.1} %) in {} runs\nparts   {}{}\nmask    {id}\nverdict {}",
+        report.width,
+        report.height,
+        report.masked_px,
+        report.masked_px as f64 / total * 100.0,
+        report.runs,
+        areas.len(),
+        if areas.is_empty() { String::new() } else { format!(", of {} px", areas.join(", ")) },
+        if report.can_fly() { "can fly" } else { "must not fly" }
+    )
+}
+
+fn apply(arguments: &args::MaskApply) -> Result<Exit, Error> {
+    let mask = Mask::load(&arguments.mask).map_err(Error::MaskFile)?;
+    let mut picture = file::read_gray(&arguments.input)?;
+    let (width, height) = picture.dimensions();
+    let mut image = ImageViewMut::new(&mut picture, width, height, width as usize, 1)?;
+    mask.apply(&mut image)?;
+    file::write_gray(&arguments.output, &picture, &[])?;
+    Ok(Exit::Done)
+}
+
+fn repair(arguments: &args::MaskRepair) -> Result<Exit, Error> {
+    let picture = file::read_gray(&arguments.input).map_err(Error::MaskFile)?;
+    let mask = match arguments.threshold {
+        Some(threshold) => Mask::binarised(&picture, threshold),
+        None => Mask::from_gray(&picture)
+            .map_err(|error| Error::Mask(format!("{}: {error}", arguments.input.display())))?,
+    };
+    let repaired = check::fill_islets(&mask, ISLET_PX);
+    repaired.save(&arguments.output, &[])?;
+    tracing::info!(
+        "{}: {} px masked, {} px of white islets filled, mask {}",
+        arguments.output.display(),
+        repaired.masked_px(),
+        repaired.masked_px() - mask.masked_px(),
+        repaired.id()
+    );
+    Ok(Exit::Done)
+}

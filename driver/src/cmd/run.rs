@@ -1,0 +1,236 @@
+//! `uvcam run`: the driver.
+//!
+//! The main thread only listens: to signals, to the cameras' threads, and to the clock. What is slow (reading masks, cleaning
+//! up after killed consumers) happens here, away from the frames.
+
+use std::io::{IsTerminal, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use signal_hook::iterator::backend::Handle;
+
+use crate::args;
+use crate::config::{CameraConfig, Config, MaskChoice};
+use crate::error::{Error, with_causes};
+use crate::exit::Exit;
+use crate::frame_path::{Command, Counters};
+use crate::mask;
+use crate::supervise::{Notice, State, Supervisor};
+
+/// How often the main thread looks after dead consumers and its status line.
+const TICK: Duration = Duration::from_secs(1);
+
+/// What the main thread hears of.
+enum Event {
+    Signal(i32),
+    Camera(Notice),
+}
+
+/// A camera as the main thread sees it.
+struct Running {
+    config: CameraConfig,
+    commands: Sender<Command>,
+    counters: Arc<Counters>,
+    thread: Option<JoinHandle<()>>,
+    state: Option<State>,
+    published_at_last_tick: u64,
+}
+
+pub(super) fn execute(arguments: &args::Run, config: &Config) -> Result<Exit, Error> {
+    let (events, inbox) = channel();
+    let signals = listen(events.clone())?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let started = config.cameras.iter().enumerate();
+    let mut cameras = started
+        .map(|(place, camera)| start(place, camera, config, &events, &stop))
+        .collect::<Result<Vec<_>, Error>>()?;
+    drop(events);
+
+    let end = arguments.duration.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
+    let exit = attend(&mut cameras, config, &inbox, end);
+
+    stop.store(true, Ordering::Relaxed);
+    for camera in &mut cameras {
+        if camera.thread.take().is_some_and(|thread| thread.join().is_err()) {
+            tracing::error!("{}: its thread ended by a panic", camera.config.name);
+        }
+        summarise(camera);
+    }
+    signals.close();
+    Ok(exit)
+}
+
+fn listen(events: Sender<Event>) -> Result<Handle, Error> {
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(|source| Error::System {
+        doing: "listening to",
+        path: "signals".into(),
+        source,
+    })?;
+    let handle = signals.handle();
+    spawn("signals", move || {
+        for signal in signals.forever() {
+            // Nobody listens only while the driver ends.
+            let _ = events.send(Event::Signal(signal));
+        }
+    })?;
+    Ok(handle)
+}
+
+fn start(
+    place: usize,
+    camera: &CameraConfig,
+    config: &Config,
+    events: &Sender<Event>,
+    stop: &Arc<AtomicBool>,
+) -> Result<Running, Error> {
+    let (commands, orders) = channel();
+    let counters = Arc::new(Counters::default());
+    let supervisor = Supervisor::new(
+        place,
+        camera.clone(),
+        config.ipc.clone(),
+        orders,
+        Box::new({
+            let events = events.clone();
+            // Nobody listens only while the driver ends.
+            move |notice| drop(events.send(Event::Camera(notice)))
+        }),
+        counters.clone(),
+        stop.clone(),
+    );
+    let thread = spawn(&camera.name, move || supervisor.run())?;
+    Ok(Running {
+        config: camera.clone(),
+        commands,
+        counters,
+        thread: Some(thread),
+        state: None,
+        published_at_last_tick: 0,
+    })
+}
+
+fn spawn(name: &str, body: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, Error> {
+    std::thread::Builder::new().name(name.into()).spawn(body).map_err(|source| Error::System {
+        doing: "starting thread",
+        path: name.into(),
+        source,
+    })
+}
+
+/// Serves the running cameras until a signal, the end of the time, or until none of them can work.
+fn attend(cameras: &mut [Running], config: &Config, inbox: &Receiver<Event>, end: Option<Instant>) -> Exit {
+    let mut next_tick = Instant::now() + TICK;
+    loop {
+        let wake = end.map_or(next_tick, |end| end.min(next_tick));
+        match inbox.recv_timeout(wake.saturating_duration_since(Instant::now())) {
+            Ok(Event::Signal(SIGHUP)) => reload_masks(cameras),
+            Ok(Event::Signal(_)) => return how_it_went(cameras),
+            Ok(Event::Camera(notice)) => {
+                if let Some(camera) = cameras.get_mut(notice.camera) {
+                    report(camera, &notice.state);
+                    camera.state = Some(notice.state);
+                }
+                if cameras.iter().all(is_hopeless) {
+                    tracing::error!("no camera can be used: giving up");
+                    return how_it_went(cameras);
+                }
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return how_it_went(cameras),
+        }
+        let now = Instant::now();
+        if end.is_some_and(|end| now >= end) {
+            return how_it_went(cameras);
+        }
+        if now >= next_tick {
+            next_tick += TICK;
+            uvcam_shm_ipc::cleanup_dead_nodes(&config.ipc.settings);
+            show_status(cameras);
+        }
+    }
+}
+
+/// A camera that never worked and does not work now. One that has worked is waited for.
+fn is_hopeless(camera: &Running) -> bool {
+    match &camera.state {
+        None | Some(State::Streaming) => false,
+        Some(State::Refused(_)) => true,
+        Some(State::Waiting(_)) => camera.counters.published.load(Ordering::Relaxed) == 0,
+    }
+}
+
+/// Done where every camera streams; else the exit code of the first that does not.
+fn how_it_went(cameras: &[Running]) -> Exit {
+    let troubles = cameras.iter().filter_map(|camera| match &camera.state {
+        Some(State::Waiting(error) | State::Refused(error)) => Some(error.exit()),
+        None | Some(State::Streaming) => None,
+    });
+    troubles.into_iter().next().unwrap_or(Exit::Done)
+}
+
+fn report(camera: &Running, state: &State) {
+    let name = &camera.config.name;
+    match state {
+        State::Streaming => tracing::info!("{name}: streaming, {}", describe_mask(&camera.config.mask)),
+        State::Waiting(error) => tracing::warn!("{name}: {}; trying again", with_causes(error)),
+        State::Refused(error) => tracing::error!("{name}: publishes nothing: {}", with_causes(error)),
+    }
+}
+
+fn describe_mask(mask: &MaskChoice) -> String {
+    match mask {
+        MaskChoice::None => "WITHOUT a mask (mask = \"none\")".into(),
+        MaskChoice::File(path) => format!("masked with {}", path.display()),
+    }
+}
+
+/// Reads every mask anew. One that cannot fly is reported, and the mask in force stays.
+fn reload_masks(cameras: &[Running]) {
+    for camera in cameras {
+        let name = &camera.config.name;
+        match mask::load(&camera.config) {
+            Ok(mask) => {
+                let id = mask.as_ref().map_or_else(|| "none".into(), |mask| mask.id().to_string());
+                tracing::info!("{name}: mask {id} from the next frame on");
+                // The thread is gone only where it panicked, which is reported at the end.
+                let _ = camera.commands.send(Command::Mask(mask));
+            }
+            Err(error) => tracing::error!("{name}: {}; what was in force stays", with_causes(&error)),
+        }
+    }
+}
+
+fn show_status(cameras: &mut [Running]) {
+    let mut parts = Vec::with_capacity(cameras.len());
+    for camera in cameras {
+        let published = camera.counters.published.load(Ordering::Relaxed);
+        let fps = published - camera.published_at_last_tick;
+        camera.published_at_last_tick = published;
+        let lost = camera.counters.lost.load(Ordering::Relaxed);
+        parts.push(format!("{} {fps} fps, {lost} lost", camera.config.name));
+    }
+    let mut stderr = std::io::stderr();
+    if stderr.is_terminal() {
+        // A status line that cannot be written is no reason to stop flying.
+        let _ = write!(stderr, "\r\x1b[K{}\r", parts.join(" | "));
+    }
+}
+
+fn summarise(camera: &Running) {
+    let count = |counter: &std::sync::atomic::AtomicU64| counter.load(Ordering::Relaxed);
+    let counters = &camera.counters;
+    tracing::info!(
+        "{}: {} frames published, {} lost ({} of them incomplete), no free slot {} times, {} epochs",
+        camera.config.name,
+        count(&counters.published),
+        count(&counters.lost),
+        count(&counters.incomplete),
+        count(&counters.no_free_slot),
+        count(&counters.epochs)
+    );
+}

@@ -1,0 +1,158 @@
+//! What a consumer saw, in numbers.
+
+use hdrhistogram::Histogram;
+use serde::Serialize;
+use uvcam_masker::MaskId;
+use uvcam_shm_ipc::{FrameHeader, Subscriber};
+
+/// Latencies above this are counted as this, nanoseconds.
+const LONGEST_NS: u64 = 60_000_000_000;
+
+/// Everything counted since the command began.
+pub(super) struct Tally {
+    pub(super) camera: String,
+    pub(super) frames: u64,
+    pub(super) masked_nonzero: u64,
+    with_mask: bool,
+    lost: u64,
+    epochs: u64,
+    first_arrival_ns: u64,
+    last_arrival_ns: u64,
+    size: (u32, u32),
+    mask_id: MaskId,
+    latency_ns: Option<Histogram<u64>>,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    camera: &'a str,
+    frames: u64,
+    lost: u64,
+    epochs: u64,
+    fps: f64,
+    width: u32,
+    height: u32,
+    mask_id: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    masked_nonzero: Option<u64>,
+    latency_us: LatencyUs,
+}
+
+/// From the driver's send to this command's receipt, microseconds.
+#[derive(Serialize)]
+struct LatencyUs {
+    p50: f64,
+    p90: f64,
+    p99: f64,
+    max: f64,
+}
+
+impl Tally {
+    pub(super) fn new(camera: &str, with_mask: bool) -> Self {
+        Tally {
+            camera: camera.into(),
+            frames: 0,
+            masked_nonzero: 0,
+            with_mask,
+            lost: 0,
+            epochs: 0,
+            first_arrival_ns: 0,
+            last_arrival_ns: 0,
+            size: (0, 0),
+            mask_id: MaskId::NONE,
+            // Three digits between 1 ns and a minute: bounds that the library accepts.
+            latency_ns: Histogram::new_with_bounds(1, LONGEST_NS, 3).ok(),
+        }
+    }
+
+    pub(super) fn add(&mut self, header: &FrameHeader, received_ns: u64, masked_nonzero: u64) {
+        if self.frames == 0 {
+            self.first_arrival_ns = header.arrival_monotonic_ns;
+        }
+        self.frames += 1;
+        self.last_arrival_ns = header.arrival_monotonic_ns;
+        self.masked_nonzero += masked_nonzero;
+        self.size = (header.width, header.height);
+        self.mask_id = MaskId(header.mask_id);
+        if let Some(histogram) = &mut self.latency_ns {
+            histogram
+                .saturating_record(received_ns.saturating_sub(header.send_monotonic_ns).clamp(1, LONGEST_NS));
+        }
+    }
+
+    pub(super) fn finish(&mut self, subscriber: &Subscriber) {
+        self.lost = subscriber.lost();
+        self.epochs = subscriber.epochs();
+    }
+
+    /// Frames a second between the first and the last one, by their arrival in the driver.
+    fn fps(&self) -> f64 {
+        let span_ns = self.last_arrival_ns.saturating_sub(self.first_arrival_ns);
+        if span_ns == 0 { 0.0 } else { (self.frames - 1) as f64 * 1e9 / span_ns as f64 }
+    }
+
+    fn latency_us(&self) -> LatencyUs {
+        let at = |quantile| {
+            let ns = self.latency_ns.as_ref().map_or(0, |histogram| histogram.value_at_quantile(quantile));
+            (ns as f64 / 100.0).round() / 10.0
+        };
+        LatencyUs { p50: at(0.5), p90: at(0.9), p99: at(0.99), max: at(1.0) }
+    }
+
+    fn mask_id(&self) -> Option<String> {
+        (self.mask_id != MaskId::NONE).then(|| self.mask_id.to_string())
+    }
+
+    pub(super) fn json(&self) -> String {
+        let report = Report {
+            camera: &self.camera,
+            frames: self.frames,
+            lost: self.lost,
+            epochs: self.epochs,
+            fps: (self.fps() * 1000.0).round() / 1000.0,
+            width: self.size.0,
+            height: self.size.1,
+            mask_id: self.mask_id(),
+            masked_nonzero: self.with_mask.then_some(self.masked_nonzero),
+            latency_us: self.latency_us(),
+        };
+        // A value of plain numbers and texts always has a JSON form.
+        serde_json::to_string_pretty(&report).unwrap_or_default()
+    }
+
+    pub(super) fn table(&self) -> String {
+        let latency = self.latency_us();
+        let mut rows = vec![
+            ("camera", format!("{}, {}x{}", self.camera, self.size.0, self.size.1)),
+            ("frames", self.frames.to_string()),
+            ("fps", format!("{:.2}", self.fps())),
+            ("lost", self.lost.to_string()),
+            ("epochs", self.epochs.to_string()),
+            ("mask", self.mask_id().unwrap_or_else(|| "none".into())),
+        ];
+        if self.with_mask {
+            rows.push(("masked pixels that were not black", self.masked_nonzero.to_string()));
+        }
+        rows.push((
+            "latency, send to receive, p50 / p99 / max",
+            format!("{:.0} / {:.0} / {:.0} us", latency.p50, latency.p99, latency.max),
+        ));
+        let width = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
+        let lines: Vec<String> =
+            rows.iter().map(|(name, value)| format!("{name:<width$}  {value}")).collect();
+        lines.join("\n")
+    }
+
+    pub(super) fn line(&self, subscriber: &Subscriber) -> String {
+        let latency = self.latency_us();
+        format!(
+            "{}: {} frames, {:.1} fps, {} lost, latency p50 {:.0} us, p99 {:.0} us",
+            self.camera,
+            self.frames,
+            self.fps(),
+            subscriber.lost(),
+            latency.p50,
+            latency.p99
+        )
+    }
+}

@@ -1,0 +1,155 @@
+//! The configuration: one TOML file, read once, valid or refused.
+//!
+//! `document` is the file as written, `error` says where it is wrong; this file holds what the rest of the driver sees. The
+//! commented default (`driver/default.toml`) is compiled in and is the manual.
+
+use std::path::{Path, PathBuf};
+
+use uvcam_shm_ipc::PixelFormat;
+
+use crate::camera::Settings;
+
+mod document;
+mod error;
+
+pub use error::ConfigError;
+
+/// The commented default configuration.
+pub const DEFAULT: &str = include_str!("../default.toml");
+
+/// A valid configuration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Config {
+    /// Shared memory.
+    pub ipc: Ipc,
+    /// The cameras, in the order of the file; at least one, no name twice.
+    pub cameras: Vec<CameraConfig>,
+}
+
+/// `[ipc]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ipc {
+    /// What driver and consumers must agree on.
+    pub settings: uvcam_shm_ipc::Settings,
+    /// Slots that a camera fills in turn.
+    pub slots: usize,
+}
+
+/// `[[camera]]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraConfig {
+    /// The consumer's address of this camera.
+    pub name: String,
+    /// Where frames come from.
+    pub source: Source,
+    /// What the camera is asked for.
+    pub settings: Settings,
+    /// What is blanked.
+    pub mask: MaskChoice,
+}
+
+/// `mask`
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum MaskChoice {
+    /// Written out: fly without a mask.
+    None,
+    /// The mask's file, with the configuration's folder resolved.
+    File(PathBuf),
+}
+
+/// `source`
+#[derive(Debug, Clone, PartialEq)]
+pub enum Source {
+    /// A USB3 Vision or GigE Vision camera.
+    Aravis {
+        /// Serial, device id or IP address.
+        serial: String,
+    },
+    /// A folder of PNG files.
+    Replay {
+        /// The folder, with the configuration's folder resolved.
+        path: PathBuf,
+    },
+    /// A rendered scene.
+    Simulated(Simulated),
+}
+
+/// The simulated camera's own keys.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Simulated {
+    /// The serial that it reports.
+    pub serial: String,
+    /// Every frame the same, without noise.
+    pub still: bool,
+    /// Time from the end of an exposure to the next one, microseconds.
+    pub readout_us: f64,
+    /// What goes wrong, in the order of frames.
+    pub faults: Vec<Fault>,
+}
+
+/// One scripted fault of the simulated camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fault {
+    /// The frame, counted from the driver's start, at which it begins.
+    pub at_frame: u64,
+    /// What goes wrong.
+    pub kind: FaultKind,
+}
+
+/// What goes wrong in a simulated camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FaultKind {
+    /// Frames are exposed and never delivered.
+    Lost {
+        /// How many.
+        count: u64,
+    },
+    /// Frames arrive with a part missing.
+    Incomplete {
+        /// How many.
+        count: u64,
+    },
+    /// The camera falls silent without an error.
+    Freeze {
+        /// For how long.
+        seconds: f64,
+    },
+    /// The camera is gone.
+    Unplug {
+        /// For how long.
+        seconds: f64,
+    },
+}
+
+impl Config {
+    /// Reads the file, or the built-in default where there is none.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with file, line, key, what was found and what is allowed.
+    pub fn load(file: Option<&Path>) -> Result<Config, ConfigError> {
+        let Some(file) = file else {
+            return Config::parse(DEFAULT, Path::new("the built-in configuration"));
+        };
+        let text = std::fs::read_to_string(file)
+            .map_err(|source| ConfigError::Unreadable { file: file.to_path_buf(), source })?;
+        Config::parse(&text, file)
+    }
+
+    /// Reads a configuration from its text; `file` gives the folder of relative paths and the name in messages.
+    ///
+    /// # Errors
+    /// [`ConfigError`], as [`Config::load`].
+    pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
+        document::parse(text, file)
+    }
+}
+
+impl Settings {
+    /// Bytes of one frame without row padding.
+    pub fn frame_bytes(&self) -> usize {
+        self.width as usize * self.height as usize * PixelFormat::bytes_per_pixel(self.pixel_format)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,310 @@
+//! The file as written, and its way to a valid [`Config`].
+
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use toml::Spanned;
+use uvcam_shm_ipc::PixelFormat;
+
+use super::error::Text;
+use super::{CameraConfig, Config, ConfigError, Fault, FaultKind, Ipc, MaskChoice, Simulated, Source};
+use crate::camera::Settings;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    #[serde(default)]
+    ipc: IpcTable,
+    #[serde(default)]
+    camera: Vec<CameraTable>,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct IpcTable {
+    prefix: Option<Spanned<String>>,
+    root_path: Option<Spanned<PathBuf>>,
+    max_subscribers: Option<Spanned<usize>>,
+    buffer: Option<Spanned<usize>>,
+    borrowed: Option<Spanned<usize>>,
+    slots: Option<Spanned<usize>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraTable {
+    name: Spanned<String>,
+    source: Spanned<SourceTable>,
+    width: Spanned<u32>,
+    height: Spanned<u32>,
+    offset_x: Option<Spanned<u32>>,
+    offset_y: Option<Spanned<u32>>,
+    pixel_format: Option<Spanned<String>>,
+    fps: Spanned<f64>,
+    exposure_us: Spanned<f64>,
+    gain_db: Option<Spanned<f64>>,
+    mask: Spanned<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SourceTable {
+    kind: Spanned<String>,
+    serial: Option<Spanned<String>>,
+    path: Option<Spanned<PathBuf>>,
+    still: Option<Spanned<bool>>,
+    readout_us: Option<Spanned<f64>>,
+    faults: Option<Spanned<Vec<FaultTable>>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FaultTable {
+    kind: Spanned<String>,
+    at_frame: u64,
+    count: Option<Spanned<u64>>,
+    seconds: Option<Spanned<f64>>,
+}
+
+/// The largest image side that is taken for meant, px.
+const LARGEST_SIDE: u32 = 16384;
+
+pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
+    let reader = Reader(Text { text, file });
+    let document: Document = toml::from_str(text).map_err(|error| reader.0.translate(&error))?;
+    let ipc = reader.ipc(document.ipc)?;
+    if document.camera.is_empty() {
+        return Err(reader.0.refuse(0..0, "camera", "no [[camera]] table".into(), "at least one camera"));
+    }
+    let mut cameras: Vec<CameraConfig> = Vec::with_capacity(document.camera.len());
+    for table in document.camera {
+        let name = table.name.clone();
+        let camera = reader.camera(table)?;
+        if cameras.iter().any(|other| other.name == camera.name) {
+            let found = format!("\"{}\" a second time", camera.name);
+            return Err(reader.0.refuse(name.span(), "name", found, "a name of its own for each camera"));
+        }
+        cameras.push(camera);
+    }
+    Ok(Config { ipc, cameras })
+}
+
+struct Reader<'a>(Text<'a>);
+
+impl Reader<'_> {
+    /// The value, or a refusal where `valid` says no.
+    fn value<T: Display>(
+        &self,
+        key: &str,
+        value: Spanned<T>,
+        allowed: &str,
+        valid: impl FnOnce(&T) -> bool,
+    ) -> Result<T, ConfigError> {
+        if valid(value.get_ref()) {
+            return Ok(value.into_inner());
+        }
+        let found = value.get_ref().to_string();
+        let found = if found.is_empty() { "an empty text".into() } else { found };
+        Err(self.0.refuse(value.span(), key, found, allowed))
+    }
+
+    /// The value where it is written, the default where not, or a refusal.
+    fn value_or<T: Display>(
+        &self,
+        key: &str,
+        value: Option<Spanned<T>>,
+        default: T,
+        allowed: &str,
+        valid: impl FnOnce(&T) -> bool,
+    ) -> Result<T, ConfigError> {
+        value.map_or(Ok(default), |value| self.value(key, value, allowed, valid))
+    }
+
+    fn ipc(&self, table: IpcTable) -> Result<Ipc, ConfigError> {
+        let default = uvcam_shm_ipc::Settings::default();
+        let root_path = match table.root_path {
+            None => default.root_path,
+            Some(path) if path.get_ref().is_absolute() => path.into_inner(),
+            Some(path) => {
+                let found = path.get_ref().display().to_string();
+                return Err(self.0.refuse(path.span(), "root_path", found, "an absolute path"));
+            }
+        };
+        Ok(Ipc {
+            settings: uvcam_shm_ipc::Settings {
+                prefix: self.value_or(
+                    "prefix",
+                    table.prefix,
+                    default.prefix,
+                    "1 to 32 letters, digits, \"_\" or \"-\"",
+                    |text| is_name(text) && text.len() <= 32,
+                )?,
+                root_path,
+                max_subscribers: self.value_or(
+                    "max_subscribers",
+                    table.max_subscribers,
+                    default.max_subscribers,
+                    "1 to 64",
+                    |n| (1..=64).contains(n),
+                )?,
+                buffer: self.value_or("buffer", table.buffer, default.buffer, "1 to 256 frames", |n| {
+                    (1..=256).contains(n)
+                })?,
+                borrowed: self.value_or(
+                    "borrowed",
+                    table.borrowed,
+                    default.borrowed,
+                    "1 to 64 frames",
+                    |n| (1..=64).contains(n),
+                )?,
+            },
+            slots: self.value_or("slots", table.slots, 6, "2 to 64", |n| (2..=64).contains(n))?,
+        })
+    }
+
+    fn camera(&self, table: CameraTable) -> Result<CameraConfig, ConfigError> {
+        let side = |key, value| self.value(key, value, "1 to 16384 px", |n| (1..=LARGEST_SIDE).contains(n));
+        let offset = |key, value| self.value_or(key, value, 0, "0 to 16384 px", |n| *n <= LARGEST_SIDE);
+        let pixel_format = match table.pixel_format {
+            None => PixelFormat::Mono8,
+            Some(name) => name.get_ref().parse().map_err(|_| {
+                let found = format!("\"{}\"", name.get_ref());
+                self.0.refuse(name.span(), "pixel_format", found, "Mono8, Mono10, Mono12 or Mono16")
+            })?,
+        };
+        let settings = Settings {
+            width: side("width", table.width)?,
+            height: side("height", table.height)?,
+            offset_x: offset("offset_x", table.offset_x)?,
+            offset_y: offset("offset_y", table.offset_y)?,
+            pixel_format,
+            fps: self.value("fps", table.fps, "0.1 to 10000 frames a second", |fps| {
+                (0.1..=10_000.0).contains(fps)
+            })?,
+            exposure_us: self.value(
+                "exposure_us",
+                table.exposure_us,
+                "1 to 10000000 microseconds",
+                |us| (1.0..=1e7).contains(us),
+            )?,
+            gain_db: self.value_or("gain_db", table.gain_db, 0.0, "-40 to 80 decibels", |db| {
+                (-40.0..=80.0).contains(db)
+            })?,
+        };
+        let mask =
+            self.value("mask", table.mask, "a PNG file, or \"none\" to fly without a mask", |text| {
+                !text.is_empty()
+            })?;
+        Ok(CameraConfig {
+            name: self.value("name", table.name, "1 to 64 letters, digits, \"_\" or \"-\"", |text| {
+                is_name(text) && text.len() <= 64
+            })?,
+            source: self.source(table.source)?,
+            settings,
+            mask: if mask == "none" {
+                MaskChoice::None
+            } else {
+                MaskChoice::File(self.resolve(mask.as_ref()))
+            },
+        })
+    }
+
+    fn source(&self, table: Spanned<SourceTable>) -> Result<Source, ConfigError> {
+        let span = table.span();
+        let SourceTable { kind, serial, path, still, readout_us, faults } = table.into_inner();
+        // A key that belongs to another kind would be ignored in silence.
+        let unused = |keys: &[(&str, Option<std::ops::Range<usize>>)]| {
+            for (key, place) in keys {
+                if let Some(place) = place {
+                    let allowed = format!("no such key in a source of kind \"{}\"", kind.get_ref());
+                    return Err(self.0.refuse(place.clone(), key, "a value".into(), &allowed));
+                }
+            }
+            Ok(())
+        };
+        let needed =
+            |key: &str| self.0.refuse(span.clone(), key, "nothing".into(), "this key must be written");
+        let simulated_keys = [
+            ("still", still.as_ref().map(Spanned::span)),
+            ("readout_us", readout_us.as_ref().map(Spanned::span)),
+            ("faults", faults.as_ref().map(Spanned::span)),
+        ];
+        let path_key = ("path", path.as_ref().map(Spanned::span));
+        let serial_key = ("serial", serial.as_ref().map(Spanned::span));
+        match kind.get_ref().as_str() {
+            "aravis" => {
+                unused(&simulated_keys)?;
+                unused(&[path_key])?;
+                let serial = serial.ok_or_else(|| needed("serial"))?;
+                Ok(Source::Aravis {
+                    serial: self.value("serial", serial, "the camera's serial", |text| !text.is_empty())?,
+                })
+            }
+            "replay" => {
+                unused(&simulated_keys)?;
+                unused(&[serial_key])?;
+                let path = path.ok_or_else(|| needed("path"))?;
+                Ok(Source::Replay { path: self.resolve(path.get_ref()) })
+            }
+            "simulated" => {
+                unused(&[path_key])?;
+                let serial = serial.ok_or_else(|| needed("serial"))?;
+                Ok(Source::Simulated(Simulated {
+                    serial: self.value("serial", serial, "a serial", |text| !text.is_empty())?,
+                    still: still.is_some_and(Spanned::into_inner),
+                    readout_us: self.value_or(
+                        "readout_us",
+                        readout_us,
+                        0.0,
+                        "0 to 10000000 microseconds",
+                        |us| (0.0..=1e7).contains(us),
+                    )?,
+                    faults: self.faults(faults.map(Spanned::into_inner).unwrap_or_default())?,
+                }))
+            }
+            other => {
+                let allowed = "\"aravis\", \"replay\" or \"simulated\"";
+                Err(self.0.refuse(kind.span(), "kind", format!("\"{other}\""), allowed))
+            }
+        }
+    }
+
+    fn faults(&self, tables: Vec<FaultTable>) -> Result<Vec<Fault>, ConfigError> {
+        let mut faults = Vec::with_capacity(tables.len());
+        for FaultTable { kind, at_frame, count, seconds } in tables {
+            let count = || {
+                self.value_or("count", count.clone(), 1, "1 to 1000000 frames", |n| {
+                    (1..=1_000_000).contains(n)
+                })
+            };
+            let seconds = || {
+                self.value_or("seconds", seconds.clone(), 1.0, "0.001 to 3600 s", |s| {
+                    (0.001..=3600.0).contains(s)
+                })
+            };
+            let fault = match kind.get_ref().as_str() {
+                "lost" => FaultKind::Lost { count: count()? },
+                "incomplete" => FaultKind::Incomplete { count: count()? },
+                "freeze" => FaultKind::Freeze { seconds: seconds()? },
+                "unplug" => FaultKind::Unplug { seconds: seconds()? },
+                other => {
+                    let allowed = "\"lost\", \"incomplete\", \"freeze\" or \"unplug\"";
+                    return Err(self.0.refuse(kind.span(), "kind", format!("\"{other}\""), allowed));
+                }
+            };
+            faults.push(Fault { at_frame, kind: fault });
+        }
+        faults.sort_by_key(|fault| fault.at_frame);
+        Ok(faults)
+    }
+
+    /// A relative path starts at the configuration's folder.
+    fn resolve(&self, path: &Path) -> PathBuf {
+        self.0.file.parent().map_or_else(|| path.to_path_buf(), |folder| folder.join(path))
+    }
+}
+
+fn is_name(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-')
+}

@@ -1,0 +1,158 @@
+use std::path::Path;
+
+use proptest::prelude::*;
+
+use super::*;
+
+const CAMERA: &str = r#"
+[[camera]]
+name = "left"
+source = { kind = "aravis", serial = "25003774" }
+width = 752
+height = 480
+fps = 59.9
+exposure_us = 1000
+mask = "masks/left.png"
+"#;
+
+fn parse(text: &str) -> Result<Config, ConfigError> {
+    Config::parse(text, Path::new("/etc/uvcam/uvcam.toml"))
+}
+
+/// The message for the camera above with one line changed.
+fn refusal(line: &str, instead: &str) -> String {
+    assert!(CAMERA.contains(line), "{line}");
+    parse(&CAMERA.replace(line, instead)).unwrap_err().to_string()
+}
+
+#[test]
+fn the_default_is_valid_and_says_what_the_code_does_without_it() {
+    let config = Config::load(None).unwrap();
+    let bare = parse(CAMERA).unwrap();
+    assert_eq!(config.ipc, bare.ipc);
+    assert_eq!(config.cameras.len(), 1);
+    let (shown, plain) = (&config.cameras[0].settings, &bare.cameras[0].settings);
+    assert_eq!(
+        (shown.offset_x, shown.offset_y, shown.pixel_format, shown.gain_db),
+        (plain.offset_x, plain.offset_y, plain.pixel_format, plain.gain_db)
+    );
+}
+
+#[test]
+fn relative_paths_start_at_the_folder_of_the_file() {
+    let config = parse(CAMERA).unwrap();
+    assert_eq!(config.cameras[0].mask, MaskChoice::File("/etc/uvcam/masks/left.png".into()));
+    let text = CAMERA.replace("masks/left.png", "/masks/left.png");
+    assert_eq!(parse(&text).unwrap().cameras[0].mask, MaskChoice::File("/masks/left.png".into()));
+}
+
+#[test]
+fn only_the_word_none_flies_unmasked() {
+    assert_eq!(parse(&CAMERA.replace("masks/left.png", "none")).unwrap().cameras[0].mask, MaskChoice::None);
+    assert_eq!(
+        refusal("mask = \"masks/left.png\"", ""),
+        "/etc/uvcam/uvcam.toml:2: mask: found nothing; allowed: this key must be written"
+    );
+    assert!(
+        refusal("masks/left.png", "").contains("mask: found an empty text; allowed: a PNG file, or \"none\"")
+    );
+}
+
+#[test]
+fn a_refusal_names_file_line_key_value_and_what_is_allowed() {
+    for (line, instead, expected) in [
+        ("fps = 59.9", "fps = -3", "uvcam.toml:7: fps: found -3; allowed: 0.1 to 10000 frames a second"),
+        ("fps = 59.9", "fps = nan", "uvcam.toml:7: fps: found NaN"),
+        ("fps = 59.9", "fps = \"fast\"", "uvcam.toml:7: fps: found string \"fast\"; allowed: a number"),
+        ("width = 752", "width = 0", "uvcam.toml:5: width: found 0; allowed: 1 to 16384 px"),
+        (
+            "width = 752",
+            "width = -1",
+            "uvcam.toml:5: width: found integer -1; allowed: a whole number, not negative",
+        ),
+        ("exposure_us = 1000", "exposure_us = 0", "uvcam.toml:8: exposure_us: found 0"),
+        (
+            "exposure_us = 1000",
+            "exposre_us = 1000",
+            "exposre_us: found an unknown key (did you mean \"exposure_us\"?)",
+        ),
+        ("name = \"left\"", "name = \"le ft\"", "uvcam.toml:3: name: found le ft; allowed: 1 to 64 letters"),
+        ("kind = \"aravis\"", "kind = \"usb\"", "uvcam.toml:4: kind: found \"usb\"; allowed: \"aravis\""),
+        (", serial = \"25003774\"", "", "uvcam.toml:4: serial: found nothing"),
+        (
+            ", serial",
+            ", still = true, serial",
+            "still: found a value; allowed: no such key in a source of kind \"aravis\"",
+        ),
+        ("mask =", "pixel_format = \"RGB8\"\nmask =", "pixel_format: found \"RGB8\"; allowed: Mono8, Mono10"),
+        (
+            "[[camera]]",
+            "[ipc]\nbuffer = 0\n[[camera]]",
+            "uvcam.toml:3: buffer: found 0; allowed: 1 to 256 frames",
+        ),
+        (
+            "[[camera]]",
+            "[ipc]\nroot_path = \"run\"\n[[camera]]",
+            "root_path: found run; allowed: an absolute path",
+        ),
+        ("fps = 59.9", "fps = = 3", "uvcam.toml:7: not TOML"),
+    ] {
+        let message = refusal(line, instead);
+        assert!(message.contains(expected), "{instead}\n  gives    {message}\n  expected {expected}");
+    }
+}
+
+#[test]
+fn no_camera_and_the_same_name_twice_are_refused() {
+    assert!(parse("").unwrap_err().to_string().contains("camera: found no [[camera]] table"));
+    let message = parse(&format!("{CAMERA}{CAMERA}")).unwrap_err().to_string();
+    assert!(message.contains("uvcam.toml:12: name: found \"left\" a second time"), "{message}");
+}
+
+#[test]
+fn the_faults_of_a_simulated_camera_come_in_the_order_of_frames() {
+    let text = CAMERA.replace(
+        "kind = \"aravis\"",
+        "kind = \"simulated\", faults = [{ kind = \"unplug\", at_frame = 9, seconds = 2 }, { kind = \"lost\", at_frame = 4 }]",
+    );
+    let Source::Simulated(simulated) = &parse(&text).unwrap().cameras[0].source else {
+        panic!("another source")
+    };
+    assert_eq!(
+        simulated.faults,
+        [
+            Fault { at_frame: 4, kind: FaultKind::Lost { count: 1 } },
+            Fault { at_frame: 9, kind: FaultKind::Unplug { seconds: 2.0 } },
+        ]
+    );
+}
+
+#[test]
+fn a_file_that_cannot_be_read_is_named() {
+    let error = Config::load(Some(Path::new("/nowhere/uvcam.toml"))).unwrap_err();
+    let message = crate::error::with_causes(&error);
+    assert!(
+        message.starts_with("/nowhere/uvcam.toml: cannot be read;") && message.contains("No such file"),
+        "{message}"
+    );
+}
+
+proptest! {
+    #[test]
+    fn no_text_makes_the_reader_panic(text in "\\PC*") {
+        let _ = parse(&text);
+    }
+
+    #[test]
+    fn no_change_of_the_default_makes_the_reader_panic(at in 0..DEFAULT.len(), with in any::<[u8; 3]>()) {
+        let mut bytes = DEFAULT.as_bytes().to_vec();
+        let end = (at + with.len()).min(bytes.len());
+        bytes.splice(at..end, with);
+        let _ = parse(&String::from_utf8_lossy(&bytes));
+    }
+
+    #[test]
+    fn no_number_makes_the_reader_panic(number in any::<f64>(), key in prop::sample::select(vec!["fps", "exposure_us", "gain_db"])) {
+        let _ = parse(&CAMERA.replace("fps = 59.9", &format!("{key} = {number:?}")));
+    }
+}

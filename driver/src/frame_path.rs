@@ -1,0 +1,190 @@
+//! The way of one frame: complete in its slot, masked there, stamped, sent.
+//!
+//! Laws of this path, from "complete" to "sent":
+//! - no allocation, no copy of pixels, no log, no wait for a consumer;
+//! - a frame that is not whole, or not masked as configured, is never sent;
+//! - what the device produced and this stream did not publish is counted in the next header.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::Receiver;
+use std::time::Duration;
+
+use uvcam_masker::{ImageViewMut, Mask};
+use uvcam_shm_ipc::{FrameHeader, Publisher, Slot, monotonic_ns};
+
+use crate::camera::{Applied, Camera, CameraError, Capture, Event};
+use crate::clock;
+use crate::error::Error;
+
+/// Longest wait for a frame before the thread looks at its commands.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// A camera that delivers nothing for this long, and for ten frame periods, has failed.
+const SILENCE_NS: u64 = 1_000_000_000;
+
+/// What another thread may ask of the path; taken at a frame boundary.
+#[derive(Debug)]
+pub enum Command {
+    /// Fly this mask from the next frame on.
+    Mask(Option<Arc<Mask>>),
+}
+
+/// What happened on the path, readable by any thread.
+///
+/// Every counter is written by the camera's thread alone and read for display: `Relaxed` on both sides.
+#[derive(Debug, Default)]
+pub struct Counters {
+    /// Frames sent.
+    pub published: AtomicU64,
+    /// Frames that the device produced and this stream never published, for whatever reason.
+    pub lost: AtomicU64,
+    /// Of these, frames that arrived with a part missing.
+    pub incomplete: AtomicU64,
+    /// Times that no free slot was there for the camera to fill.
+    pub no_free_slot: AtomicU64,
+    /// Streams begun.
+    pub epochs: AtomicU64,
+}
+
+fn add(counter: &AtomicU64, count: u64) {
+    counter.fetch_add(count, Ordering::Relaxed);
+}
+
+/// One camera, its publisher and its mask, for the time of one epoch.
+pub struct FramePath<'a> {
+    /// An opened and configured camera.
+    pub camera: &'a mut dyn Camera,
+    /// What it reads back.
+    pub applied: &'a Applied,
+    /// Where frames go.
+    pub publisher: &'a Publisher,
+    /// What is blanked; a command may change it.
+    pub mask: &'a mut Option<Arc<Mask>>,
+    /// What other threads ask for.
+    pub commands: &'a Receiver<Command>,
+    /// What other threads read.
+    pub counters: &'a Counters,
+    /// What stays the same over the epoch, and the place of the next frame's stamps.
+    pub header: FrameHeader,
+    /// How many slots the camera fills in turn.
+    pub slots: usize,
+    /// Where the stream stands; starts at its default.
+    pub position: Position,
+}
+
+/// How far a stream has come.
+#[derive(Debug, Default)]
+pub struct Position {
+    /// Slots that the camera holds.
+    queued: usize,
+    last_published_id: Option<u64>,
+}
+
+impl FramePath<'_> {
+    /// Walks until `stop` is set or the camera fails; `streaming` is called after the first frame is out.
+    ///
+    /// # Errors
+    /// What ended the epoch. The camera is to be dropped.
+    pub fn run(&mut self, stop: &AtomicBool, streaming: impl FnOnce()) -> Result<(), Error> {
+        add(&self.counters.epochs, 1);
+        self.fill_queue()?;
+        self.camera.start()?;
+        let patience_ns = SILENCE_NS.max(10 * self.header.frame_period_ns);
+        let mut last_sign_of_life_ns = monotonic_ns();
+        let mut streaming = Some(streaming);
+        // Relaxed: the flag carries no data, and is seen within one `PATIENCE`.
+        while !stop.load(Ordering::Relaxed) {
+            self.take_commands();
+            match self.camera.next(PATIENCE)? {
+                Event::Complete(capture) => {
+                    last_sign_of_life_ns = capture.arrival_monotonic_ns;
+                    self.position.queued -= 1;
+                    self.publish(capture)?;
+                    if let Some(streaming) = streaming.take() {
+                        streaming();
+                    }
+                }
+                Event::Incomplete(slot) => {
+                    last_sign_of_life_ns = monotonic_ns();
+                    add(&self.counters.incomplete, 1);
+                    self.camera.queue(slot)?;
+                }
+                Event::Timeout => {
+                    let silent_ns = monotonic_ns().saturating_sub(last_sign_of_life_ns);
+                    if silent_ns > patience_ns {
+                        return Err(self
+                            .failed(format!("no frame for {:.1} s", silent_ns as f64 * 1e-9))
+                            .into());
+                    }
+                }
+            }
+            self.fill_queue()?;
+        }
+        self.camera.stop();
+        Ok(())
+    }
+
+    fn publish(&mut self, capture: Capture) -> Result<(), Error> {
+        let Capture { mut slot, frame_id, device_timestamp_ns, arrival_monotonic_ns } = capture;
+        self.header.lost_before = match self.position.last_published_id {
+            None => 0,
+            Some(last) if frame_id > last => frame_id - last - 1,
+            Some(last) => return Err(self.failed(format!("frame id {frame_id} follows {last}")).into()),
+        };
+        self.apply_mask(&mut slot)?;
+        self.header.device_frame_id = frame_id;
+        self.header.device_timestamp_ns = device_timestamp_ns.unwrap_or(0);
+        self.header.set_flag(uvcam_shm_ipc::Flags::NO_DEVICE_CLOCK, device_timestamp_ns.is_none());
+        self.header.arrival_monotonic_ns = arrival_monotonic_ns;
+        clock::stamp_mid_exposure(&mut self.header);
+        self.publisher.publish(slot, &self.header)?;
+        self.header.sequence += 1;
+        self.position.last_published_id = Some(frame_id);
+        add(&self.counters.lost, self.header.lost_before);
+        add(&self.counters.published, 1);
+        Ok(())
+    }
+
+    fn apply_mask(&mut self, slot: &mut Slot) -> Result<(), Error> {
+        let Some(mask) = self.mask.as_deref() else { return Ok(()) };
+        let Applied { width, height, stride, pixel_format, .. } = *self.applied;
+        let mut image = ImageViewMut::new(
+            slot.pixels_mut(),
+            width,
+            height,
+            stride as usize,
+            pixel_format.bytes_per_pixel(),
+        )?;
+        Ok(mask.apply(&mut image)?)
+    }
+
+    /// Hands free slots to the camera until it holds all that it may.
+    fn fill_queue(&mut self) -> Result<(), Error> {
+        while self.position.queued < self.slots {
+            match self.publisher.loan() {
+                Ok(slot) => {
+                    self.camera.queue(slot)?;
+                    self.position.queued += 1;
+                }
+                // A camera that still holds one can go on; the next frame boundary tries again.
+                Err(_) if self.position.queued > 0 => {
+                    add(&self.counters.no_free_slot, 1);
+                    return Ok(());
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
+    }
+
+    fn take_commands(&mut self) {
+        while let Ok(Command::Mask(mask)) = self.commands.try_recv() {
+            self.header.set_mask(mask.as_deref().map(|mask| mask.id().0));
+            *self.mask = mask;
+        }
+    }
+
+    fn failed(&self, cause: String) -> CameraError {
+        CameraError::Device { serial: self.camera.identity().serial.clone(), doing: "streaming", cause }
+    }
+}

@@ -1,0 +1,16 @@
+//! The driver of uvcam: cameras, the way of a frame, and the commands.
+//!
+//! A frame is written by a [`camera`] into a slot of shared memory, loses its masked runs there and is sent ([`frame_path`]).
+//! One thread a camera walks this way under the eyes of [`supervise`]; the commands ([`cmd`]) start it all, or look at it from
+//! outside as any consumer does.
+
+pub mod args;
+pub mod camera;
+pub mod clock;
+pub mod cmd;
+pub mod config;
+pub mod error;
+pub mod exit;
+pub mod frame_path;
+pub mod mask;
+pub mod supervise;

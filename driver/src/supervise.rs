@@ -1,0 +1,226 @@
+//! One thread a camera: opens it, walks the frame path, and opens it again when it fails.
+//!
+//! A camera that refuses a setting or has no mask that can fly is left closed until a command brings another mask; everything
+//! else is tried again, at once at first, then every few seconds.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
+
+use uvcam_masker::Mask;
+use uvcam_shm_ipc::{Flags, FrameHeader, Publisher, realtime_ns};
+
+use crate::camera::aravis::AravisCamera;
+use crate::camera::replay::ReplayCamera;
+use crate::camera::simulated::Device;
+use crate::camera::{Applied, Camera, CameraError};
+use crate::config::{CameraConfig, Ipc, Source};
+use crate::error::Error;
+use crate::frame_path::{Command, Counters, FramePath, Position};
+use crate::mask;
+
+/// Waits between attempts to open a camera: the first, and the longest.
+const BACK_OFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
+/// How long a waiting thread takes to see that it is to stop.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// What a camera's thread is doing.
+#[derive(Debug)]
+pub enum State {
+    /// Frames are going out.
+    Streaming,
+    /// The camera failed and will be tried again.
+    Waiting(Error),
+    /// The camera stays closed: what is wrong does not change by itself.
+    Refused(Error),
+}
+
+/// A change of state of one camera, by its place in the configuration.
+#[derive(Debug)]
+pub struct Notice {
+    /// The camera's place in the configuration.
+    pub camera: usize,
+    /// Its new state.
+    pub state: State,
+}
+
+/// Opens the device that a source names, as often as needed.
+enum Opener {
+    Aravis(String),
+    Replay(std::path::PathBuf),
+    Simulated(Device),
+}
+
+impl Opener {
+    fn new(source: &Source) -> Self {
+        match source {
+            Source::Aravis { serial } => Opener::Aravis(serial.clone()),
+            Source::Replay { path } => Opener::Replay(path.clone()),
+            Source::Simulated(script) => Opener::Simulated(Device::new(script.clone())),
+        }
+    }
+
+    fn open(&self) -> Result<Box<dyn Camera>, CameraError> {
+        Ok(match self {
+            Opener::Aravis(serial) => Box::new(AravisCamera::open(serial)?),
+            Opener::Replay(path) => Box::new(ReplayCamera::open(path)?),
+            Opener::Simulated(device) => Box::new(device.open()?),
+        })
+    }
+
+    fn flag(&self) -> Flags {
+        match self {
+            Opener::Aravis(_) => Flags::NONE,
+            Opener::Replay(_) => Flags::REPLAYED,
+            Opener::Simulated(_) => Flags::SIMULATED,
+        }
+    }
+}
+
+/// A camera's thread.
+pub struct Supervisor {
+    place: usize,
+    camera: CameraConfig,
+    ipc: Ipc,
+    opener: Opener,
+    publisher: Option<(usize, Publisher)>,
+    mask: Option<Arc<Mask>>,
+    commands: Receiver<Command>,
+    notify: Box<dyn Fn(Notice) + Send>,
+    counters: Arc<Counters>,
+    stop: Arc<AtomicBool>,
+}
+
+impl Supervisor {
+    /// Prepares the thread of the camera at `place` in the configuration.
+    pub fn new(
+        place: usize,
+        camera: CameraConfig,
+        ipc: Ipc,
+        commands: Receiver<Command>,
+        notify: Box<dyn Fn(Notice) + Send>,
+        counters: Arc<Counters>,
+        stop: Arc<AtomicBool>,
+    ) -> Self {
+        let opener = Opener::new(&camera.source);
+        Supervisor {
+            place,
+            camera,
+            ipc,
+            opener,
+            publisher: None,
+            mask: None,
+            commands,
+            notify,
+            counters,
+            stop,
+        }
+    }
+
+    /// Runs until told to stop.
+    pub fn run(mut self) {
+        let mut wait = BACK_OFF.0;
+        let mut masked = self.load_mask();
+        while !self.stopped() {
+            let streams_before = self.counters.published.load(Ordering::Relaxed);
+            let outcome = match masked {
+                Ok(()) => self.stream(),
+                Err(error) => Err(error),
+            };
+            masked = Ok(());
+            let Err(error) = outcome else { return };
+            if self.counters.published.load(Ordering::Relaxed) > streams_before {
+                wait = BACK_OFF.0;
+            }
+            if error.is_final() {
+                self.notify(State::Refused(error));
+                masked = self.wait_for_mask();
+            } else {
+                self.notify(State::Waiting(error));
+                self.pause(wait);
+                wait = (wait * 2).min(BACK_OFF.1);
+            }
+        }
+    }
+
+    /// Opens the camera and publishes its frames until it fails or the driver stops.
+    fn stream(&mut self) -> Result<(), Error> {
+        let mut camera = self.opener.open()?;
+        let applied = camera.configure(&self.camera.settings)?;
+        let header = self.header(&applied);
+        // Consumers stay connected to a publisher that still fits; another one must be gone before its successor comes.
+        let kept = self.publisher.take().filter(|(bytes, _)| *bytes == applied.payload_bytes);
+        let publisher = match kept {
+            Some((_, publisher)) => publisher,
+            None => Publisher::create(
+                &self.ipc.settings,
+                &self.camera.name,
+                applied.payload_bytes,
+                self.ipc.slots,
+            )?,
+        };
+        let (_, publisher) = self.publisher.insert((applied.payload_bytes, publisher));
+        let mut path = FramePath {
+            camera: camera.as_mut(),
+            applied: &applied,
+            publisher,
+            mask: &mut self.mask,
+            commands: &self.commands,
+            counters: &self.counters,
+            header,
+            slots: self.ipc.slots,
+            position: Position::default(),
+        };
+        let (notify, place) = (&self.notify, self.place);
+        path.run(&self.stop, || notify(Notice { camera: place, state: State::Streaming }))
+    }
+
+    /// What stays the same over one epoch.
+    fn header(&self, applied: &Applied) -> FrameHeader {
+        let mut header =
+            FrameHeader::new(applied.width, applied.height, applied.stride, applied.pixel_format);
+        header.epoch = realtime_ns();
+        header.frame_period_ns = (1e9 / applied.fps) as u64;
+        header.exposure_us = applied.exposure_us;
+        header.gain_db = applied.gain_db;
+        header.set_flag(self.opener.flag(), true);
+        header.set_mask(self.mask.as_deref().map(|mask| mask.id().0));
+        header
+    }
+
+    fn load_mask(&mut self) -> Result<(), Error> {
+        self.mask = mask::load(&self.camera)?;
+        Ok(())
+    }
+
+    /// Waits until a command brings a mask that can fly.
+    fn wait_for_mask(&mut self) -> Result<(), Error> {
+        while !self.stopped() {
+            match self.commands.recv_timeout(PATIENCE) {
+                Ok(Command::Mask(mask)) => {
+                    self.mask = mask;
+                    return Ok(());
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        Ok(())
+    }
+
+    fn pause(&self, duration: Duration) {
+        let end = Instant::now() + duration;
+        while !self.stopped() && Instant::now() < end {
+            std::thread::sleep(PATIENCE.min(end.saturating_duration_since(Instant::now())));
+        }
+    }
+
+    fn stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    fn notify(&self, state: State) {
+        (self.notify)(Notice { camera: self.place, state });
+    }
+}

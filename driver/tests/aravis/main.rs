@@ -1,0 +1,83 @@
+//! The `aravis` source on the library's two emulated cameras: the one in this process, and a GigE Vision camera that is a program
+//! of its own.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test ends where what it stands on is missing")]
+
+mod emulated;
+mod fake;
+mod gige;
+mod network;
+#[path = "../shared_memory/mod.rs"]
+mod shared_memory;
+
+use std::time::Duration;
+
+use shared_memory::SharedMemory;
+use uvcam::camera::aravis::AravisCamera;
+use uvcam::camera::{Applied, Camera, Capture, Event, Settings};
+use uvcam_shm_ipc::{PixelFormat, Publisher};
+
+/// What the emulated cameras can do. At 10 ms exposure and no gain their picture is exactly a ramp.
+const SETTINGS: Settings = Settings {
+    width: 640,
+    height: 480,
+    offset_x: 0,
+    offset_y: 0,
+    pixel_format: PixelFormat::Mono8,
+    fps: 25.0,
+    exposure_us: 10_000.0,
+    gain_db: 0.0,
+};
+
+/// Longer than any frame takes.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Slots that a camera fills in turn.
+const SLOTS: usize = 6;
+
+/// The slots of one camera, in shared memory of one test alone.
+struct Slots {
+    publisher: Publisher,
+    // Last: the publisher lives in it.
+    _memory: SharedMemory,
+}
+
+impl Slots {
+    fn new(payload_bytes: usize) -> Self {
+        let memory = SharedMemory::new();
+        Slots { publisher: memory.publisher("camera", payload_bytes, SLOTS), _memory: memory }
+    }
+
+    /// Queues as many slots as there are.
+    fn queue_all(&self, camera: &mut dyn Camera) {
+        for _ in 0..SLOTS {
+            camera.queue(self.publisher.loan().unwrap()).unwrap();
+        }
+    }
+}
+
+/// Opens and configures a camera and queues all slots.
+fn ready(serial: &str, settings: &Settings) -> (AravisCamera, Applied, Slots) {
+    let mut camera = AravisCamera::open(serial).unwrap();
+    let applied = camera.configure(settings).unwrap();
+    let slots = Slots::new(applied.payload_bytes);
+    slots.queue_all(&mut camera);
+    (camera, applied, slots)
+}
+
+/// The next frame, which must be whole.
+fn whole(camera: &mut dyn Camera) -> Capture {
+    match camera.next(PATIENCE).unwrap() {
+        Event::Complete(capture) => capture,
+        event => panic!("a whole frame was expected, not {event:?}"),
+    }
+}
+
+/// Whether a picture of `width` columns is the emulated camera's: a diagonal ramp, modulo 255, from any start.
+fn is_ramp(pixels: &[u8], width: usize) -> bool {
+    let start = usize::from(pixels[0]);
+    pixels
+        .chunks_exact(width)
+        .enumerate()
+        .all(|(y, row)| row.iter().enumerate().all(|(x, &pixel)| usize::from(pixel) == (start + x + y) % 255))
+}
