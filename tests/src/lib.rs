@@ -1,0 +1,204 @@
+//! A stage for end-to-end tests: the real binary, in processes of its own, in a folder and shared memory of the test's own.
+//!
+//! Everything here panics where it cannot do its work: a test that cannot run has failed.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use tempfile::TempDir;
+use uvcam_masker::Mask;
+use uvcam_shm_ipc::{Frame, Settings, Subscriber};
+
+pub mod gige;
+
+/// Longest wait for something that must happen.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// A folder, a configuration and shared memory that no other test uses.
+pub struct Stage {
+    folder: TempDir,
+}
+
+impl Stage {
+    /// A stage whose configuration is `cameras` behind an `[ipc]` table of its own.
+    pub fn new(cameras: &str) -> Self {
+        let stage = Stage { folder: tempfile::tempdir().unwrap() };
+        let settings = stage.settings();
+        let ipc = format!("[ipc]\nprefix = \"{}\"\nroot_path = {:?}\n", settings.prefix, settings.root_path);
+        std::fs::write(stage.file("uvcam.toml"), ipc + cameras).unwrap();
+        stage
+    }
+
+    /// A file in the stage's folder, which is also the configuration's.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// What a consumer needs to know to find the stage's driver.
+    pub fn settings(&self) -> Settings {
+        let name = self.folder.path().file_name().unwrap().to_string_lossy();
+        let unique: String = name.chars().filter(char::is_ascii_alphanumeric).collect();
+        Settings { prefix: format!("{unique}_"), root_path: self.file("ipc"), ..Settings::default() }
+    }
+
+    /// A command of `uvcam` with the stage's configuration.
+    pub fn uvcam(&self, words: &[&str]) -> Command {
+        let mut command = Command::new(binary());
+        command.args(words).arg("--config").arg(self.file("uvcam.toml")).stdin(Stdio::null());
+        command
+    }
+
+    /// Runs a command of `uvcam` to its end.
+    pub fn output(&self, words: &[&str]) -> Output {
+        self.uvcam(words).output().unwrap()
+    }
+
+    /// Starts `uvcam run`; it ends with the returned value.
+    pub fn driver(&self) -> Process {
+        Process::start(&mut self.uvcam(&["run"]))
+    }
+
+    /// Starts `uvcam watch` with these words behind it, its report as JSON.
+    pub fn watch(&self, words: &[&str]) -> Process {
+        Process::start(&mut self.uvcam(&[&["watch", "--json", "--timeout", "20"], words].concat()))
+    }
+
+    /// A consumer in this process.
+    pub fn subscriber(&self, camera: &str) -> Subscriber {
+        Subscriber::open(&self.settings(), camera).unwrap()
+    }
+
+    /// Writes a mask that blanks a band of `rows` rows at the lower edge, and returns it.
+    pub fn write_mask(&self, name: &str, (width, height): (u32, u32), rows: u32) -> Mask {
+        let mask = Mask::from_fn(width, height, |_, y| y + rows >= height);
+        mask.save(&self.file(name), &[]).unwrap();
+        mask
+    }
+}
+
+/// A configuration's table of a simulated camera of 752 x 480 px at 60 fps; `source` are further keys of its source.
+pub fn simulated(name: &str, mask: &str, source: &str) -> String {
+    format!(
+        "[[camera]]\nname = \"{name}\"\nsource = {{ kind = \"simulated\", serial = \"{name}\"{source} }}\n\
+         width = 752\nheight = 480\nfps = 60\nexposure_us = 1000\nmask = \"{mask}\"\n"
+    )
+}
+
+/// The next frame; it must come.
+pub fn next_frame(subscriber: &mut Subscriber) -> Frame {
+    let start = Instant::now();
+    loop {
+        if let Some(frame) = subscriber.next().unwrap() {
+            return frame;
+        }
+        subscriber.wait(Duration::from_millis(100)).unwrap();
+        assert!(start.elapsed() < PATIENCE, "no frame within {PATIENCE:?}");
+    }
+}
+
+/// Waits until `condition` holds; it must within `PATIENCE`.
+pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !condition() {
+        assert!(start.elapsed() < PATIENCE, "not within {PATIENCE:?}: {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// A running process. It is killed where the test ends first.
+pub struct Process {
+    child: Child,
+}
+
+impl Process {
+    /// Starts the command with its output kept.
+    pub fn start(command: &mut Command) -> Self {
+        Process { child: command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap() }
+    }
+
+    /// Its process id.
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Sends it a signal.
+    pub fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.child), signal).unwrap();
+    }
+
+    /// Kills it without a word, as a crash or an empty battery does.
+    pub fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// Asks it to stop, and returns what it said.
+    pub fn stop(self) -> Output {
+        self.signal(Signal::TERM);
+        self.finish()
+    }
+
+    /// Waits for its end, and returns what it said.
+    pub fn finish(mut self) -> Output {
+        let read = |source: Option<Box<dyn Read + Send>>| {
+            std::thread::spawn(move || {
+                let mut text = Vec::new();
+                source.unwrap().read_to_end(&mut text).unwrap();
+                text
+            })
+        };
+        let stdout = read(self.child.stdout.take().map(|pipe| Box::new(pipe) as _));
+        let stderr = read(self.child.stderr.take().map(|pipe| Box::new(pipe) as _));
+        let status = self.child.wait().unwrap();
+        Output { status, stdout: stdout.join().unwrap(), stderr: stderr.join().unwrap() }
+    }
+
+    /// Waits for its end, and returns its JSON; it must have succeeded.
+    pub fn json(self) -> Value {
+        let output = self.finish();
+        assert!(output.status.success(), "{}", stderr(&output));
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    /// Resident memory in KiB.
+    pub fn resident_kib(&self) -> u64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.id())).unwrap();
+        let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// What a process wrote to stderr.
+pub fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// The `uvcam` binary of this build. It is built here: cargo builds binaries of other packages only when asked.
+pub fn binary() -> &'static Path {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    BINARY.get_or_init(|| {
+        let test = std::env::current_exe().unwrap();
+        let folder = test.parent().and_then(Path::parent).unwrap();
+        let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+        build.args(["build", "--quiet", "--package", "uvcam", "--bin", "uvcam"]);
+        build.arg("--target-dir").arg(folder.parent().unwrap()).current_dir(env!("CARGO_MANIFEST_DIR"));
+        if folder.file_name().is_some_and(|name| name == "release") {
+            build.arg("--release");
+        }
+        assert!(build.status().unwrap().success(), "uvcam was not built");
+        folder.join("uvcam")
+    })
+}
