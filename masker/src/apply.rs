@@ -1,7 +1,7 @@
 //! Blanking the masked pixels of a frame in place.
 //!
-//! This runs on every frame: it walks the masked runs and nothing else, so that its cost follows the masked area and
-//! not the frame, and it allocates nothing.
+//! This runs on every frame: it walks the masked runs and nothing else, so that its cost follows the masked
+//! area and not the frame, and it allocates nothing.
 
 use thiserror::Error;
 

@@ -8,8 +8,8 @@ use crate::mask::{DISCARD, KEEP, Mask, MaskId, grey_px};
 
 /// White islets whose bounding box is below this size in both directions, in pixels, look like markers.
 ///
-/// The detector of UVDAR compares a pixel with a ring of radius 3 or 4 around it. A bright patch that fits inside a
-/// dark ring is a marker to it; a longer edge never is.
+/// The detector of UVDAR compares a pixel with a ring of radius 3 or 4 around it. A bright patch that fits
+/// inside a dark ring is a marker to it; a longer edge never is.
 pub const ISLET_BELOW: u32 = 8;
 
 /// What a [`Problem`] means for flight.
@@ -40,8 +40,8 @@ pub enum Problem {
     NothingMasked,
     /// No pixel is kept; the camera would be blind.
     EverythingMasked,
-    /// More than half of the pixels are masked. A warning, because hiding too much is safe but blinds the camera;
-    /// often a mask with black and white exchanged.
+    /// More than half of the pixels are masked. A warning, because hiding too much is safe but blinds the
+    /// camera; often a mask with black and white exchanged.
     OverHalfMasked {
         /// Masked pixels.
         masked_px: u64,
@@ -140,8 +140,8 @@ impl Report {
 
 /// Examines a mask image, for frames of `expected` width and height where these are known.
 ///
-/// An image with grey pixels is described by its pixels that are 0; its shape is not judged, since it depends on how
-/// the image will be binarised.
+/// An image with grey pixels is described by its pixels that are 0; its shape is not judged, since it depends
+/// on how the image will be binarised.
 #[must_use]
 pub fn check(gray: &GrayImage, expected: Option<(u32, u32)>) -> Report {
     let (found, grey_px) = (gray.dimensions(), grey_px(gray));

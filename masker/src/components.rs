@@ -1,7 +1,7 @@
 //! Connected components of a mask.
 //!
-//! Masked pixels that touch at a corner belong together (8-connected); white pixels must share an edge (4-connected),
-//! so that a diagonal bridge does not hide a white islet.
+//! Masked pixels that touch at a corner belong together (8-connected); white pixels must share an edge
+//! (4-connected), so that a diagonal bridge does not hide a white islet.
 
 use crate::mask::{Mask, Run};
 
@@ -73,7 +73,8 @@ impl Components {
         labels
     }
 
-    /// Union-find over runs instead of pixels; `runs` are sorted by row and column and never touch in their row.
+    /// Union-find over runs instead of pixels; `runs` are sorted by row and column and never touch in their
+    /// row.
     fn connect(mask: &Mask, runs: Vec<Run>, connectivity: Connectivity) -> Self {
         let reach = match connectivity {
             Connectivity::Four => 0,

@@ -1,7 +1,7 @@
 //! Masks and greyscale images as PNG files.
 //!
-//! Any PNG image can be read; what is written is always 8-bit grey. A file is replaced as a whole or not at all: a
-//! temporary file in the same folder is written, synced and renamed over the old one.
+//! Any PNG image can be read; what is written is always 8-bit grey. A file is replaced as a whole or not at
+//! all: a temporary file in the same folder is written, synced and renamed over the old one.
 
 use std::fs::{File, Permissions};
 use std::io::{self, BufReader, Write};
@@ -101,15 +101,17 @@ impl Mask {
 
 /// Reads a PNG image of any colour type and bit depth as 8-bit grey.
 ///
-/// Colours become luma, Y = 0.299 R + 0.587 G + 0.114 B (ITU-R BT.601, as OpenCV reads greyscale), rounded. Alpha is
-/// ignored. 16-bit samples are scaled by 255 / 65535 and rounded, 1-, 2- and 4-bit ones scaled up to 0 to 255.
+/// Gives the values that OpenCV's `imread` gives in greyscale, which is how UVDAR reads a mask: colours
+/// become luma, Y = 0.299 R + 0.587 G + 0.114 B (ITU-R BT.601), rounded down; of 16-bit samples the upper
+/// byte counts; 1-, 2- and 4-bit samples are scaled up to 0 to 255; alpha is ignored. Only 16-bit colour may
+/// differ from OpenCV, by one.
 ///
 /// # Errors
 /// [`FileError::Read`], [`FileError::Decode`] or [`FileError::TooLarge`].
 pub fn read_gray(path: &Path) -> Result<GrayImage, FileError> {
     let mut decoder = open(path)?;
     let decoded = |source| not_decoded(path, source);
-    decoder.set_transformations(Transformations::EXPAND);
+    decoder.set_transformations(Transformations::EXPAND | Transformations::STRIP_16);
     let mut reader = decoder.read_info().map_err(decoded)?;
     let (width, height) = (reader.info().width, reader.info().height);
     let too_large = || FileError::TooLarge { path: path.to_owned(), width, height };
@@ -117,9 +119,6 @@ pub fn read_gray(path: &Path) -> Result<GrayImage, FileError> {
     let mut samples = vec![0; reader.output_buffer_size().ok_or_else(too_large)?];
     let frame = reader.next_frame(&mut samples).map_err(decoded)?;
     samples.truncate(frame.buffer_size());
-    if frame.bit_depth == BitDepth::Sixteen {
-        samples = samples.chunks_exact(2).map(|sample| scale_to_8([sample[0], sample[1]])).collect();
-    }
     let pixels = match frame.color_type {
         ColorType::Grayscale | ColorType::Indexed => samples,
         ColorType::GrayscaleAlpha => samples.chunks_exact(2).map(|pixel| pixel[0]).collect(),
@@ -155,11 +154,11 @@ pub fn read_texts(path: &Path) -> Result<Vec<(String, String)>, FileError> {
     Ok(texts)
 }
 
-/// Writes an 8-bit grey PNG file with `texts`, pairs of keyword and text, each as tEXt chunk where it is Latin-1 and
-/// as iTXt chunk (UTF-8) where not.
+/// Writes an 8-bit grey PNG file with `texts`, pairs of keyword and text, each as tEXt chunk where it is
+/// Latin-1 and as iTXt chunk (UTF-8) where not.
 ///
-/// On success the file has reached the disk. On failure an older file of this name is untouched and no temporary file
-/// stays behind.
+/// On success the file has reached the disk. On failure no temporary file stays behind and an older file of
+/// this name is untouched, unless only the last step failed, syncing the folder.
 ///
 /// # Errors
 /// [`FileError::Encode`] or [`FileError::Write`].
@@ -190,15 +189,10 @@ fn not_decoded(path: &Path, source: DecodingError) -> FileError {
     }
 }
 
-/// Sample depth scaling of the PNG specification (W3C, third edition, 13.12), 16 bit big-endian to 8.
-fn scale_to_8(sample: [u8; 2]) -> u8 {
-    ((u32::from(u16::from_be_bytes(sample)) * 255 + 32767) / 65535) as u8
-}
-
-/// BT.601 luma with weights in units of 2^-16; they add up to 1, so greys keep their value.
+/// BT.601 luma with weights in units of 2^-15; they add up to 1, so greys keep their value.
 fn luma(rgb: [u8; 3]) -> u8 {
     let [red, green, blue] = rgb.map(u32::from);
-    ((19595 * red + 38470 * green + 7471 * blue + (1 << 15)) >> 16) as u8
+    ((9797 * red + 19234 * green + 3737 * blue) >> 15) as u8
 }
 
 fn encode(image: &GrayImage, texts: &[(&str, String)]) -> Result<Vec<u8>, EncodingError> {

@@ -1,8 +1,9 @@
 //! Borrowed pixels of a frame, wherever the frame lives.
 //!
-//! A view covers one plane of unpacked monochrome pixels: PFNC `Mono8` (one byte a pixel) or `Mono10`, `Mono12`,
-//! `Mono16` (two bytes a pixel). Packed formats such as `Mono12p` share bytes between pixels and have no view.
-//! Pixel (x, y) starts at byte `y * stride + x * bytes_per_pixel`; x runs along a row, y downwards, both from 0.
+//! A view covers one plane of unpacked monochrome pixels: PFNC `Mono8` (one byte a pixel) or `Mono10`,
+//! `Mono12`, `Mono16` (two bytes a pixel). Packed formats such as `Mono12p` share bytes between pixels and
+//! have no view. Pixel (x, y) starts at byte `y * stride + x * bytes_per_pixel`; x runs along a row, y
+//! downwards, both from 0.
 
 use thiserror::Error;
 

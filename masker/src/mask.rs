@@ -1,7 +1,8 @@
 //! Which pixels of a frame show the airframe.
 //!
-//! In the stored form a mask is a greyscale image: 0 discards a pixel, 255 keeps it (the convention of UVDAR).
-//! In memory it is the list of its masked runs, because that is what has to be blanked in every frame.
+//! In the stored form a mask is a greyscale image: 0 discards a pixel, 255 keeps it (the convention of
+//! UVDAR). In memory it is the list of its masked runs, because that is what has to be blanked in every
+//! frame.
 
 use std::fmt;
 use std::str::FromStr;
@@ -39,8 +40,9 @@ impl Run {
 
 /// Identity of a mask: equal for equal masks, whatever file they came from.
 ///
-/// The first 16 bytes of the SHA-256 of the mask as a binary PGM image: the header `P5\n{width} {height}\n255\n` in
-/// ASCII, then one byte a pixel in row order, 0 masked and 255 kept. Netpbm writes that form, so anyone can check:
+/// The first 16 bytes of the SHA-256 of the mask as a binary PGM image: the header `P5\n{width}
+/// {height}\n255\n` in ASCII, then one byte a pixel in row order, 0 masked and 255 kept. Netpbm writes that
+/// form, so anyone can check:
 ///
 /// ```text
 /// pngtopnm mask.png | sha256sum | cut -c -32

@@ -14,7 +14,8 @@ fn binary_image() -> impl Strategy<Value = GrayImage> {
     })
 }
 
-/// A frame for a mask of `width` x `height` pixels: stride, bytes per pixel and random bytes, spare ones included.
+/// A frame for a mask of `width` x `height` pixels: stride, bytes per pixel and random bytes, spare ones
+/// included.
 fn frame(width: u32, height: u32) -> impl Strategy<Value = (usize, usize, Vec<u8>)> {
     (0_usize..9, 1_usize..3, 0_usize..5).prop_flat_map(move |(padding, bytes_per_pixel, spare)| {
         let stride = width as usize * bytes_per_pixel + padding;

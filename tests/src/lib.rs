@@ -11,24 +11,27 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use tempfile::TempDir;
 use uvcam_masker::Mask;
 use uvcam_shm_ipc::{Frame, Settings, Subscriber};
 
-pub mod gige;
+pub mod emulated;
+pub mod network;
+mod shared_memory;
+
+pub use shared_memory::SharedMemory;
 
 /// Longest wait for something that must happen.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A folder, a configuration and shared memory that no other test uses.
 pub struct Stage {
-    folder: TempDir,
+    memory: SharedMemory,
 }
 
 impl Stage {
     /// A stage whose configuration is `cameras` behind an `[ipc]` table of its own.
     pub fn new(cameras: &str) -> Self {
-        let stage = Stage { folder: tempfile::tempdir().unwrap() };
+        let stage = Stage { memory: SharedMemory::new() };
         let settings = stage.settings();
         let ipc = format!("[ipc]\nprefix = \"{}\"\nroot_path = {:?}\n", settings.prefix, settings.root_path);
         std::fs::write(stage.file("uvcam.toml"), ipc + cameras).unwrap();
@@ -37,14 +40,12 @@ impl Stage {
 
     /// A file in the stage's folder, which is also the configuration's.
     pub fn file(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
+        self.memory.folder().join(name)
     }
 
     /// What a consumer needs to know to find the stage's driver.
     pub fn settings(&self) -> Settings {
-        let name = self.folder.path().file_name().unwrap().to_string_lossy();
-        let unique: String = name.chars().filter(char::is_ascii_alphanumeric).collect();
-        Settings { prefix: format!("{unique}_"), root_path: self.file("ipc"), ..Settings::default() }
+        self.memory.settings()
     }
 
     /// A command of `uvcam` with the stage's configuration.

@@ -5,7 +5,9 @@ use std::collections::HashMap;
 
 use uvcam_masker::{ImageView, Mask};
 use uvcam_shm_ipc::{Flags, Frame};
-use uvcam_tests::{Stage, gige, next_frame, stderr};
+use uvcam_tests::emulated::EmulatedCamera;
+use uvcam_tests::network::in_namespace;
+use uvcam_tests::{Stage, next_frame, stderr};
 
 const SIZE: (u32, u32) = (640, 480);
 const FRAMES: usize = 500;
@@ -20,7 +22,7 @@ fn camera(mask: &str) -> String {
 
 /// Runs the driver on a camera that was just switched on, and hands over every frame.
 fn run(mask: &str, frames: usize, mut look: impl FnMut(&Frame)) {
-    let _device = gige::start_camera("GV01", &[]);
+    let _device = EmulatedCamera::start("GV01", 0);
     let stage = Stage::new(&camera(mask));
     half_mask().save(&stage.file("mask.png"), &[]).unwrap();
     // Open before the driver starts, so that the first frame is seen as well.
@@ -41,40 +43,40 @@ fn half_mask() -> Mask {
 
 #[test]
 fn five_hundred_masked_frames_reach_another_process() {
-    if !gige::inside_namespace("five_hundred_masked_frames_reach_another_process") {
-        return;
-    }
-    // The device draws the same picture for the same frame id: the scene stands still from run to run.
-    let mut unmasked: HashMap<u64, Vec<u8>> = HashMap::new();
-    run("none", FRAMES, |frame| {
-        assert!(!frame.header().flags.contains(Flags::MASKED));
-        unmasked.insert(frame.header().device_frame_id, frame.pixels().to_vec());
-    });
+    in_namespace("five_hundred_masked_frames_reach_another_process", || {
+        // The device draws the same picture for the same frame id: the scene stands still from run to run.
+        let mut unmasked: HashMap<u64, Vec<u8>> = HashMap::new();
+        run("none", FRAMES, |frame| {
+            assert!(!frame.header().flags.contains(Flags::MASKED));
+            unmasked.insert(frame.header().device_frame_id, frame.pixels().to_vec());
+        });
 
-    let mask = half_mask();
-    let (mut compared, mut last) = (0, None);
-    run("mask.png", FRAMES, |frame| {
-        let header = frame.header();
-        assert!(header.flags.contains(Flags::MASKED) && header.mask_id == mask.id().0);
-        let image = ImageView::new(frame.pixels(), SIZE.0, SIZE.1, header.stride as usize, 1).unwrap();
-        assert_eq!(mask.masked_nonzero(&image).unwrap(), 0);
+        let mask = half_mask();
+        let (mut compared, mut last) = (0, None);
+        run("mask.png", FRAMES, |frame| {
+            let header = frame.header();
+            assert!(header.flags.contains(Flags::MASKED) && header.mask_id == mask.id().0);
+            let image = ImageView::new(frame.pixels(), SIZE.0, SIZE.1, header.stride as usize, 1).unwrap();
+            assert_eq!(mask.masked_nonzero(&image).unwrap(), 0);
 
-        let stamps = (header.arrival_monotonic_ns, header.mid_exposure_realtime_ns, header.send_monotonic_ns);
-        if let Some((arrival, mid_exposure, send)) = last.replace(stamps) {
-            assert!(stamps.0 > arrival && stamps.1 > mid_exposure && stamps.2 > send);
-        }
-        if let Some(before) = unmasked.get(&header.device_frame_id) {
-            compared += 1;
-            let pixels = before.iter().zip(frame.pixels()).enumerate();
-            for (at, (before, after)) in pixels {
-                let (x, y) = (at as u32 % SIZE.0, at as u32 / SIZE.0);
-                assert!(
-                    mask.is_masked(x, y) || before == after,
-                    "pixel {x},{y} of frame {}",
-                    header.device_frame_id
-                );
+            let stamps =
+                (header.arrival_monotonic_ns, header.mid_exposure_realtime_ns, header.send_monotonic_ns);
+            if let Some((arrival, mid_exposure, send)) = last.replace(stamps) {
+                assert!(stamps.0 > arrival && stamps.1 > mid_exposure && stamps.2 > send);
             }
-        }
+            if let Some(before) = unmasked.get(&header.device_frame_id) {
+                compared += 1;
+                let pixels = before.iter().zip(frame.pixels()).enumerate();
+                for (at, (before, after)) in pixels {
+                    let (x, y) = (at as u32 % SIZE.0, at as u32 / SIZE.0);
+                    assert!(
+                        mask.is_masked(x, y) || before == after,
+                        "pixel {x},{y} of frame {}",
+                        header.device_frame_id
+                    );
+                }
+            }
+        });
+        assert!(compared > FRAMES / 2, "only {compared} frames could be compared");
     });
-    assert!(compared > FRAMES / 2, "only {compared} frames could be compared");
 }

@@ -1,17 +1,15 @@
 //! What every camera must do, whatever it is made of: one suite, run on each of them.
 #![allow(clippy::unwrap_used)]
 
-mod shared_memory;
-
 use std::time::{Duration, Instant};
 
-use shared_memory::SharedMemory;
 use uvcam::camera::aravis::AravisCamera;
 use uvcam::camera::replay::ReplayCamera;
 use uvcam::camera::simulated::Device;
 use uvcam::camera::{Applied, Camera, CameraError, Capture, Event, Settings};
 use uvcam::config::Simulated;
 use uvcam_shm_ipc::{PixelFormat, Publisher};
+use uvcam_tests::SharedMemory;
 
 const SLOTS: usize = 4;
 const PATIENCE: Duration = Duration::from_secs(2);

@@ -5,8 +5,9 @@ use std::time::Duration;
 use uvcam::camera::aravis::{AravisCamera, list};
 use uvcam::camera::{Camera, CameraError, Event, Settings};
 
-use crate::emulated::{ADDRESS, EmulatedCamera};
-use crate::network::{in_namespace, in_namespace_without_net_raw};
+use uvcam_tests::emulated::{ADDRESS, EmulatedCamera};
+use uvcam_tests::network::{in_namespace, in_namespace_without_net_raw};
+
 use crate::{PATIENCE, SETTINGS, SLOTS, is_ramp, ready, whole};
 
 #[test]

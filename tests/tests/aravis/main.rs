@@ -3,19 +3,15 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test ends where what it stands on is missing")]
 
-mod emulated;
 mod fake;
 mod gige;
-mod network;
-#[path = "../shared_memory/mod.rs"]
-mod shared_memory;
 
 use std::time::Duration;
 
-use shared_memory::SharedMemory;
 use uvcam::camera::aravis::AravisCamera;
 use uvcam::camera::{Applied, Camera, Capture, Event, Settings};
 use uvcam_shm_ipc::{PixelFormat, Publisher};
+use uvcam_tests::SharedMemory;
 
 /// What the emulated cameras can do. At 10 ms exposure and no gain their picture is exactly a ramp.
 const SETTINGS: Settings = Settings {
