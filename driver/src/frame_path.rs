@@ -5,17 +5,17 @@
 //! - a frame that is not whole, or not masked as configured, is never sent;
 //! - what the device produced and this stream did not publish is counted in the next header.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
-use uvcam_masker::{ImageViewMut, Mask};
+use uvcam_masker::ImageViewMut;
 use uvcam_shm_ipc::{FrameHeader, Publisher, Slot, monotonic_ns};
 
 use crate::camera::{Applied, Camera, CameraError, Capture, Event};
 use crate::clock;
 use crate::error::Error;
+use crate::mask::MaskInForce;
 
 /// Longest wait for a frame before the thread looks at its commands.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -26,7 +26,7 @@ const SILENCE_NS: u64 = 1_000_000_000;
 #[derive(Debug)]
 pub enum Command {
     /// Fly this mask from the next frame on.
-    Mask(Option<Arc<Mask>>),
+    Mask(MaskInForce),
 }
 
 /// What happened on the path, readable by any thread.
@@ -59,7 +59,7 @@ pub struct FramePath<'a> {
     /// Where frames go.
     pub publisher: &'a Publisher,
     /// What is blanked; a command may change it.
-    pub mask: &'a mut Option<Arc<Mask>>,
+    pub mask: &'a mut MaskInForce,
     /// What other threads ask for.
     pub commands: &'a Receiver<Command>,
     /// What other threads read.

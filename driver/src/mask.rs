@@ -7,11 +7,14 @@ use uvcam_masker::{Mask, check, file};
 use crate::config::{CameraConfig, MaskChoice};
 use crate::error::Error;
 
+/// What a camera flies: a mask, or none because the configuration says so.
+pub type MaskInForce = Option<Arc<Mask>>;
+
 /// Loads the camera's mask; `None` where its configuration says to fly without.
 ///
 /// # Errors
 /// [`Error::Mask`] where the file is missing, unreadable, not binary, of the wrong size, or masks everything.
-pub fn load(camera: &CameraConfig) -> Result<Option<Arc<Mask>>, Error> {
+pub fn load(camera: &CameraConfig) -> Result<MaskInForce, Error> {
     let MaskChoice::File(path) = &camera.mask else { return Ok(None) };
     let refused = |cause: String| Error::Mask(format!("{}: {cause}", path.display()));
     let gray = file::read_gray(path).map_err(Error::MaskFile)?;

@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use uvcam_masker::Mask;
 use uvcam_shm_ipc::{Flags, FrameHeader, Publisher, realtime_ns};
 
 use crate::camera::aravis::AravisCamera;
@@ -18,7 +17,7 @@ use crate::camera::{Applied, Camera, CameraError};
 use crate::config::{CameraConfig, Ipc, Source};
 use crate::error::Error;
 use crate::frame_path::{Command, Counters, FramePath, Position};
-use crate::mask;
+use crate::mask::{self, MaskInForce};
 
 /// Waits between attempts to open a camera: the first, and the longest.
 const BACK_OFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
@@ -84,8 +83,7 @@ pub struct Supervisor {
     camera: CameraConfig,
     ipc: Ipc,
     opener: Opener,
-    publisher: Option<(usize, Publisher)>,
-    mask: Option<Arc<Mask>>,
+    publisher: Option<Publisher>,
     commands: Receiver<Command>,
     notify: Box<dyn Fn(Notice) + Send>,
     counters: Arc<Counters>,
@@ -104,38 +102,25 @@ impl Supervisor {
         stop: Arc<AtomicBool>,
     ) -> Self {
         let opener = Opener::new(&camera.source);
-        Supervisor {
-            place,
-            camera,
-            ipc,
-            opener,
-            publisher: None,
-            mask: None,
-            commands,
-            notify,
-            counters,
-            stop,
-        }
+        Supervisor { place, camera, ipc, opener, publisher: None, commands, notify, counters, stop }
     }
 
     /// Runs until told to stop.
     pub fn run(mut self) {
         let mut wait = BACK_OFF.0;
-        let mut masked = self.load_mask();
+        let Some(mut mask) = self.first_mask() else { return };
         while !self.stopped() {
-            let streams_before = self.counters.published.load(Ordering::Relaxed);
-            let outcome = match masked {
-                Ok(()) => self.stream(),
-                Err(error) => Err(error),
-            };
-            masked = Ok(());
-            let Err(error) = outcome else { return };
-            if self.counters.published.load(Ordering::Relaxed) > streams_before {
+            let published_before = self.counters.published.load(Ordering::Relaxed);
+            let Err(error) = self.stream(&mut mask) else { return };
+            if self.counters.published.load(Ordering::Relaxed) > published_before {
                 wait = BACK_OFF.0;
             }
             if error.is_final() {
                 self.notify(State::Refused(error));
-                masked = self.wait_for_mask();
+                match self.next_mask() {
+                    Some(another) => mask = another,
+                    None => return,
+                }
             } else {
                 self.notify(State::Waiting(error));
                 self.pause(wait);
@@ -144,15 +129,38 @@ impl Supervisor {
         }
     }
 
+    /// The mask that the configuration names, or the first one after it that can fly; nothing where the driver stops before.
+    fn first_mask(&self) -> Option<MaskInForce> {
+        match mask::load(&self.camera) {
+            Ok(mask) => Some(mask),
+            Err(error) => {
+                self.notify(State::Refused(error));
+                self.next_mask()
+            }
+        }
+    }
+
+    /// Waits until a command brings a mask that can fly; nothing where the driver stops before.
+    fn next_mask(&self) -> Option<MaskInForce> {
+        while !self.stopped() {
+            match self.commands.recv_timeout(PATIENCE) {
+                Ok(Command::Mask(mask)) => return Some(mask),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return None,
+            }
+        }
+        None
+    }
+
     /// Opens the camera and publishes its frames until it fails or the driver stops.
-    fn stream(&mut self) -> Result<(), Error> {
+    fn stream(&mut self, mask: &mut MaskInForce) -> Result<(), Error> {
         let mut camera = self.opener.open()?;
         let applied = camera.configure(&self.camera.settings)?;
-        let header = self.header(&applied);
+        let header = self.header(&applied, mask);
         // Consumers stay connected to a publisher that still fits; another one must be gone before its successor comes.
-        let kept = self.publisher.take().filter(|(bytes, _)| *bytes == applied.payload_bytes);
+        let kept = self.publisher.take().filter(|publisher| publisher.frame_bytes() == applied.payload_bytes);
         let publisher = match kept {
-            Some((_, publisher)) => publisher,
+            Some(publisher) => publisher,
             None => Publisher::create(
                 &self.ipc.settings,
                 &self.camera.name,
@@ -160,12 +168,11 @@ impl Supervisor {
                 self.ipc.slots,
             )?,
         };
-        let (_, publisher) = self.publisher.insert((applied.payload_bytes, publisher));
         let mut path = FramePath {
             camera: camera.as_mut(),
             applied: &applied,
-            publisher,
-            mask: &mut self.mask,
+            publisher: self.publisher.insert(publisher),
+            mask,
             commands: &self.commands,
             counters: &self.counters,
             header,
@@ -177,7 +184,7 @@ impl Supervisor {
     }
 
     /// What stays the same over one epoch.
-    fn header(&self, applied: &Applied) -> FrameHeader {
+    fn header(&self, applied: &Applied, mask: &MaskInForce) -> FrameHeader {
         let mut header =
             FrameHeader::new(applied.width, applied.height, applied.stride, applied.pixel_format);
         header.epoch = realtime_ns();
@@ -185,28 +192,8 @@ impl Supervisor {
         header.exposure_us = applied.exposure_us;
         header.gain_db = applied.gain_db;
         header.set_flag(self.opener.flag(), true);
-        header.set_mask(self.mask.as_deref().map(|mask| mask.id().0));
+        header.set_mask(mask.as_deref().map(|mask| mask.id().0));
         header
-    }
-
-    fn load_mask(&mut self) -> Result<(), Error> {
-        self.mask = mask::load(&self.camera)?;
-        Ok(())
-    }
-
-    /// Waits until a command brings a mask that can fly.
-    fn wait_for_mask(&mut self) -> Result<(), Error> {
-        while !self.stopped() {
-            match self.commands.recv_timeout(PATIENCE) {
-                Ok(Command::Mask(mask)) => {
-                    self.mask = mask;
-                    return Ok(());
-                }
-                Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => break,
-            }
-        }
-        Ok(())
     }
 
     fn pause(&self, duration: Duration) {

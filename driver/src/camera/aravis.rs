@@ -163,7 +163,8 @@ impl Camera for AravisCamera {
     }
 
     fn stop(&mut self) {
-        // A device that is gone would be waited for, and one that does not stop is stopped by the end of its stream.
+        // A device that is gone is not waited for. What fails is made up for: the end of the stream stops the transfer, the next
+        // configuration the acquisition.
         if self.slots.is_started() && !self.is_gone() {
             let _ = self.camera.stop_acquisition();
         }

@@ -35,6 +35,8 @@ const GAIN_STEP_DB: f64 = 0.1;
 pub(super) fn configure(features: &Features, settings: &Settings) -> Result<Applied, CameraError> {
     settings.check_exposure_fits(0.0)?;
     features.camera.set_range_check_policy(RangeCheckPolicy::Enable);
+    // A program that was killed leaves the device running, its format locked. A device that stands still may refuse to stop.
+    let _ = features.camera.stop_acquisition();
     load_default_user_set(features)?;
     features.switch_where_present("ChunkModeActive", false)?;
     features.choose_where_present("AcquisitionMode", "Continuous")?;

@@ -7,7 +7,7 @@ use tracing::warn;
 
 /// How long a frame is kept open after its last packet, microseconds. Only the last frame before a pause lives that long: any
 /// other ends with the first packet of the next one.
-const FRAME_RETENTION_US: u32 = 20_000;
+const FRAME_RETENTION_US: u32 = 500_000;
 /// Frames that the socket holds while the receiving thread does not run.
 const SOCKET_FRAMES: usize = 2;
 /// The kernel's bound of a socket buffer.
