@@ -76,7 +76,7 @@ impl fmt::Display for Problem {
             Self::NotBinary { grey_px } => write!(
                 f,
                 "grey pixels: {grey_px}, neither {DISCARD} (discard) nor {KEEP} (keep); \
-                 repaint them, or binarise the image explicitly"
+                 repaint them, or binarise explicitly with `uvcam mask repair --threshold`"
             ),
             Self::WrongSize { found, expected } => write!(
                 f,
@@ -102,7 +102,7 @@ impl fmt::Display for Problem {
             Self::Islets { count, area_px, first } => write!(
                 f,
                 "white islets below {ISLET_BELOW} px in both directions: {count}, together {area_px} px, \
-                 the first at x {}, y {}; each looks like a marker, so fill them with `uvcam mask check --fill`",
+                 the first at x {}, y {}; each looks like a marker, so fill them with `uvcam mask repair`",
                 first.x, first.y
             ),
         }

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use png::{BitDepth, ColorType, Decoder, DecodingError, EncodingError, Transformations};
 use thiserror::Error;
 
-use crate::image::GrayImage;
+use crate::image::{GrayImage, RgbImage};
 use crate::mask::{Mask, MaskError};
 
 /// Largest image that is read, in pixels; keeps a damaged header from exhausting the memory.
@@ -163,7 +163,26 @@ pub fn read_texts(path: &Path) -> Result<Vec<(String, String)>, FileError> {
 /// # Errors
 /// [`FileError::Encode`] or [`FileError::Write`].
 pub fn write_gray(path: &Path, image: &GrayImage, texts: &[(&str, String)]) -> Result<(), FileError> {
-    let png = encode(image, texts).map_err(|source| FileError::Encode { path: path.to_owned(), source })?;
+    write(path, image.dimensions(), ColorType::Grayscale, image, texts)
+}
+
+/// Writes an 8-bit RGB PNG file, as [`write_gray`] does.
+///
+/// # Errors
+/// [`FileError::Encode`] or [`FileError::Write`].
+pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<(), FileError> {
+    write(path, image.dimensions(), ColorType::Rgb, image, &[])
+}
+
+fn write(
+    path: &Path,
+    size: (u32, u32),
+    color: ColorType,
+    samples: &[u8],
+    texts: &[(&str, String)],
+) -> Result<(), FileError> {
+    let png = encode(size, color, samples, texts)
+        .map_err(|source| FileError::Encode { path: path.to_owned(), source })?;
     replace(path, &png).map_err(|source| FileError::Write { path: path.to_owned(), source })
 }
 
@@ -195,10 +214,15 @@ fn luma(rgb: [u8; 3]) -> u8 {
     ((9797 * red + 19234 * green + 3737 * blue) >> 15) as u8
 }
 
-fn encode(image: &GrayImage, texts: &[(&str, String)]) -> Result<Vec<u8>, EncodingError> {
+fn encode(
+    (width, height): (u32, u32),
+    color: ColorType,
+    samples: &[u8],
+    texts: &[(&str, String)],
+) -> Result<Vec<u8>, EncodingError> {
     let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, image.width(), image.height());
-    encoder.set_color(ColorType::Grayscale);
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(color);
     encoder.set_depth(BitDepth::Eight);
     for (keyword, text) in texts {
         let (keyword, is_latin_1) = ((*keyword).to_owned(), text.chars().all(|c| u32::from(c) < 256));
@@ -208,7 +232,7 @@ fn encode(image: &GrayImage, texts: &[(&str, String)]) -> Result<Vec<u8>, Encodi
         }
     }
     let mut writer = encoder.write_header()?;
-    writer.write_image_data(image.as_raw())?;
+    writer.write_image_data(samples)?;
     writer.finish()?;
     Ok(bytes)
 }

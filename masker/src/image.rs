@@ -8,7 +8,7 @@
 use thiserror::Error;
 
 /// Owned 8-bit greyscale image.
-pub use ::image::GrayImage;
+pub use ::image::{GrayImage, RgbImage};
 
 /// Why pixels cannot be viewed as an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]

@@ -106,7 +106,7 @@ pub enum MaskError {
     /// Some pixels are neither 0 nor 255.
     #[error(
         "grey pixels: {grey_px}, the first at x {x}, y {y} with value {value}; \
-         a mask has only 0 (discard) and 255 (keep): repaint it, or binarise it explicitly"
+         a mask has only 0 (discard) and 255 (keep): repaint it, or binarise it explicitly with `uvcam mask repair --threshold`"
     )]
     NotBinary {
         /// Number of grey pixels.

@@ -100,7 +100,7 @@ fn every_problem_names_its_values_and_a_remedy() {
     assert_eq!(
         Problem::Islets { count: 2, area_px: 17, first }.to_string(),
         "white islets below 8 px in both directions: 2, together 17 px, the first at x 3, y 4; \
-         each looks like a marker, so fill them with `uvcam mask check --fill`"
+         each looks like a marker, so fill them with `uvcam mask repair`"
     );
     assert_eq!(
         Problem::OverHalfMasked { masked_px: 220, total_px: 400 }.to_string(),
@@ -109,7 +109,7 @@ fn every_problem_names_its_values_and_a_remedy() {
     );
     assert_eq!(
         Problem::NotBinary { grey_px: 812 }.to_string(),
-        "grey pixels: 812, neither 0 (discard) nor 255 (keep); repaint them, or binarise the image explicitly"
+        "grey pixels: 812, neither 0 (discard) nor 255 (keep); repaint them, or binarise explicitly with `uvcam mask repair --threshold`"
     );
 }
 

@@ -41,7 +41,7 @@ fn grey_pixels_are_named() {
     assert_eq!(
         error.to_string(),
         "grey pixels: 2, the first at x 1, y 1 with value 7; \
-         a mask has only 0 (discard) and 255 (keep): repaint it, or binarise it explicitly"
+         a mask has only 0 (discard) and 255 (keep): repaint it, or binarise it explicitly with `uvcam mask repair --threshold`"
     );
 }
 
