@@ -10,8 +10,10 @@
 //! A consumer that is slow, stuck or killed neither delays the driver nor takes its slots: the oldest frame that it has not
 //! read gives way to the newest, and it is told how many it lost ([`Frame::lost_before`]).
 
+mod cleanup;
 mod clock;
 mod continuity;
+pub mod control;
 mod error;
 mod header;
 mod pixel_format;
@@ -21,11 +23,12 @@ mod service;
 mod settings;
 mod subscriber;
 
+pub use cleanup::cleanup_dead_nodes;
 pub use clock::{monotonic_ns, realtime_ns};
 pub use error::{IpcError, LoanError};
 pub use header::{CONTRACT_VERSION, Flags, FrameHeader, HeaderError, MAGIC};
 pub use pixel_format::{PixelFormat, UnknownPixelFormat};
 pub use publisher::{Publisher, Slot};
-pub use service::{cleanup_dead_nodes, frame_service_name, wake_service_name};
+pub use service::{frame_service_name, wake_service_name};
 pub use settings::Settings;
 pub use subscriber::{Frame, Subscriber};

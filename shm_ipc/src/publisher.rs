@@ -7,6 +7,7 @@
 //!    sent. Its address stays the same for the life of the publisher.
 
 use std::error::Error;
+use std::io;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -16,18 +17,18 @@ use iceoryx2::prelude::*;
 use iceoryx2::sample_mut::SampleMut;
 use rustix::fs::statvfs;
 
+use crate::cleanup::{cleanup, half_made};
 use crate::clock::monotonic_ns;
 use crate::error::{IpcError, LoanError};
 use crate::header::FrameHeader;
 use crate::resident;
-use crate::service::{Address, FrameService, Ipc, WakeService, cleanup};
-use crate::settings::{Settings, shared_memory_needed, slots_needed};
+use crate::service::{Address, FrameService, Ipc, WakeService};
+use crate::settings::{SHARED_MEMORY, Settings, shared_memory_needed, slots_needed};
 
 /// How long [`Publisher::create`] waits for a predecessor to go and for consumers to let go of services that do not fit.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// Time between its attempts.
 const RETRY: Duration = Duration::from_millis(20);
-const SHARED_MEMORY: &str = "/dev/shm";
 
 /// Publishes the frames of one camera. There is one for each camera on a host.
 #[derive(Debug)]
@@ -85,6 +86,11 @@ impl Publisher {
         frame_bytes: usize,
         loans: usize,
     ) -> Result<Publisher, IpcError> {
+        if let Some(path) = half_made(&address.config) {
+            let on = path.display().to_string();
+            let source = Box::new(io::Error::from(io::ErrorKind::TimedOut));
+            return Err(IpcError::System { doing: "waiting for another program to finish", on, source });
+        }
         cleanup(&address.config);
         let node = address.node()?;
         let (frames, wake) = address.create(&node, settings)?;

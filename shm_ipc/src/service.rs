@@ -3,14 +3,15 @@
 use std::sync::Once;
 
 use iceoryx2::config::Config;
-use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;
-use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::event::{EventOpenError as OpenWake, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{
-    PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
+    PublishSubscribeCreateError as CreateFrames, PublishSubscribeOpenError as OpenFrames,
+    PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 
+use crate::cleanup::half_made;
 use crate::error::IpcError;
 use crate::header::{CONTRACT_VERSION, FrameHeader};
 use crate::settings::{Settings, is_name};
@@ -28,31 +29,6 @@ pub fn frame_service_name(camera: &str) -> String {
 /// Name of the event service that wakes sleeping consumers of `camera`.
 pub fn wake_service_name(camera: &str) -> String {
     format!("uvcam/v{CONTRACT_VERSION}/{camera}/wake")
-}
-
-/// Releases what killed programs left behind: their places among the consumers, the slots they held, their files. Returns how
-/// many programs there were.
-///
-/// Takes a few milliseconds: for a thread that has time, about once a second. What cannot be cleaned now is left for the next call.
-pub fn cleanup_dead_nodes(settings: &Settings) -> usize {
-    settings.to_iceoryx2().map_or(0, |config| cleanup(&config))
-}
-
-pub(crate) fn cleanup(config: &Config) -> usize {
-    quieten();
-    let mut cleaned = 0;
-    // An error leaves nodes for the next call, like a node that another process is just cleaning.
-    let _ = Node::<Ipc>::list(config, |state| {
-        // Without its details, iceoryx2 would clean a node by a configuration file of the working directory.
-        if let NodeState::Dead(node) = state
-            && node.details().is_some()
-            && node.try_remove_stale_resources().is_ok()
-        {
-            cleaned += 1;
-        }
-        CallbackProgression::Continue
-    });
-    cleaned
 }
 
 /// The names of a camera's services, and what is needed to reach them.
@@ -107,15 +83,7 @@ impl Address {
             .history_size(0)
             .enable_safe_overflow(true)
             .open_or_create()
-            .map_err(|source| match source {
-                PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(open) => {
-                    self.frames_not_opened(open)
-                }
-                PublishSubscribeOpenOrCreateError::PublishSubscribeCreateError(
-                    PublishSubscribeCreateError::InsufficientPermissions,
-                ) => self.permission(source),
-                _ => self.failed("creating service", self.frames.as_str(), source),
-            })?;
+            .map_err(|source| self.frames_not_created(source))?;
         let wake = node
             .service_builder(&self.wake)
             .event()
@@ -124,17 +92,16 @@ impl Address {
             .max_nodes(max_nodes)
             .event_id_max_value(0)
             .open_or_create()
-            .map_err(|source| match source {
-                EventOpenOrCreateError::EventOpenError(open) => self.wake_not_opened(open),
-                _ => self.failed("creating service", self.wake.as_str(), source),
-            })?;
+            .map_err(|source| self.wake_not_created(source))?;
         Ok((frames, wake))
     }
 
     /// The consumer's side: opens the services, whatever the numbers they were made with; `None` where they are not there, half made
     /// or half removed.
     pub(crate) fn open(&self, node: &Node<Ipc>) -> Result<Option<(FrameService, WakeService)>, IpcError> {
-        use {EventOpenError as Wake, PublishSubscribeOpenError as Frames};
+        if half_made(&self.config).is_some() {
+            return Ok(None);
+        }
         let frames = node
             .service_builder(&self.frames)
             .publish_subscribe::<[u8]>()
@@ -143,20 +110,20 @@ impl Address {
         let frames = match frames {
             Ok(frames) => frames,
             Err(
-                Frames::DoesNotExist
-                | Frames::ServiceInCorruptedState
-                | Frames::IsMarkedForDestruction
-                | Frames::HangsInCreation,
+                OpenFrames::DoesNotExist
+                | OpenFrames::ServiceInCorruptedState
+                | OpenFrames::IsMarkedForDestruction
+                | OpenFrames::HangsInCreation,
             ) => return Ok(None),
             Err(source) => return Err(self.frames_not_opened(source)),
         };
         match node.service_builder(&self.wake).event().open() {
             Ok(wake) => Ok(Some((frames, wake))),
             Err(
-                Wake::DoesNotExist
-                | Wake::ServiceInCorruptedState
-                | Wake::IsMarkedForDestruction
-                | Wake::HangsInCreation,
+                OpenWake::DoesNotExist
+                | OpenWake::ServiceInCorruptedState
+                | OpenWake::IsMarkedForDestruction
+                | OpenWake::HangsInCreation,
             ) => Ok(None),
             Err(source) => Err(self.wake_not_opened(source)),
         }
@@ -201,8 +168,24 @@ impl Address {
         IpcError::Incompatible { service: service.as_str().to_owned(), source: Box::new(source) }
     }
 
-    fn frames_not_opened(&self, source: PublishSubscribeOpenError) -> IpcError {
-        use PublishSubscribeOpenError::*;
+    fn frames_not_created(&self, source: PublishSubscribeOpenOrCreateError) -> IpcError {
+        use PublishSubscribeOpenOrCreateError::{PublishSubscribeCreateError, PublishSubscribeOpenError};
+        match source {
+            PublishSubscribeOpenError(open) => self.frames_not_opened(open),
+            PublishSubscribeCreateError(CreateFrames::InsufficientPermissions) => self.permission(source),
+            _ => self.failed("creating service", self.frames.as_str(), source),
+        }
+    }
+
+    fn wake_not_created(&self, source: EventOpenOrCreateError) -> IpcError {
+        match source {
+            EventOpenOrCreateError::EventOpenError(open) => self.wake_not_opened(open),
+            _ => self.failed("creating service", self.wake.as_str(), source),
+        }
+    }
+
+    fn frames_not_opened(&self, source: OpenFrames) -> IpcError {
+        use OpenFrames::*;
         match source {
             InsufficientPermissions => self.permission(source),
             ExceedsMaxNumberOfNodes => IpcError::TooManyConsumers(self.frames.as_str().to_owned()),
@@ -221,8 +204,8 @@ impl Address {
         }
     }
 
-    fn wake_not_opened(&self, source: EventOpenError) -> IpcError {
-        use EventOpenError::*;
+    fn wake_not_opened(&self, source: OpenWake) -> IpcError {
+        use OpenWake::*;
         match source {
             InsufficientPermissions => self.permission(source),
             ExceedsMaxNumberOfNodes => IpcError::TooManyConsumers(self.wake.as_str().to_owned()),
@@ -238,7 +221,7 @@ impl Address {
 }
 
 /// iceoryx2 reports every failed attempt on stderr; here, what matters comes back as an error. `IOX2_LOG_LEVEL` brings it back.
-fn quieten() {
+pub(crate) fn quieten() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| set_log_level_from_env_or(LogLevel::Error));
 }

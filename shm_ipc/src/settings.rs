@@ -2,6 +2,7 @@
 
 use std::mem::size_of;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use iceoryx2::config::Config;
 use iceoryx2::prelude::{FileName, Path, SemanticString};
@@ -12,6 +13,13 @@ use crate::header::FrameHeader;
 
 /// A UNIX socket's path has 107 bytes, of which iceoryx2 takes up to 46 beside `root_path` and `prefix`.
 const LONGEST_PATHS: usize = 60;
+
+/// Where iceoryx2 keeps its memory.
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
+
+/// How long a service or connection that another program is just making may take to be finished. Bounds what a program killed in
+/// between costs those who come after it.
+const CREATION_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Where the services live and how much a consumer may lag. `prefix` and `root_path` are the address: driver and consumers must
 /// agree. The numbers are the driver's to choose; consumers take what they find.
@@ -82,6 +90,7 @@ impl Settings {
         let mut config = Config::default();
         config.global.prefix = prefix;
         config.global.set_root_path(&root_path);
+        config.global.creation_timeout = CREATION_TIMEOUT;
         // Cleaning is done where it may take its time, by `cleanup_dead_nodes`.
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;

@@ -15,10 +15,11 @@ use iceoryx2::port::{DegradationAction, ReceiveError};
 use iceoryx2::prelude::PortFactory;
 use iceoryx2::sample::Sample;
 
+use crate::cleanup::cleanup;
 use crate::continuity::{Continuity, Step};
 use crate::error::IpcError;
 use crate::header::FrameHeader;
-use crate::service::{Address, FrameService, Ipc, WakeService, cleanup};
+use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::settings::Settings;
 
 /// Time between attempts to find a driver.

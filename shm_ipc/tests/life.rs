@@ -6,6 +6,7 @@ mod support;
 
 use std::cell::Cell;
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::time::Duration;
 
 use rustix::process::{Pid, Resource, Rlimit, Signal, kill_process, setrlimit};
@@ -132,6 +133,31 @@ fn a_killed_driver_comes_back_and_its_consumer_carries_on() {
         driver.kill();
     }
     assert_eq!((subscriber.frames(), subscriber.lost(), subscriber.epochs()), (9, 0, 3));
+}
+
+#[test]
+fn a_driver_starts_where_another_was_killed_while_it_started() {
+    let place = Place::new();
+    let services = place.settings.root_path.join("services");
+    let publisher = place.publisher();
+    let descriptions: Vec<_> = fs::read_dir(&services).unwrap().map(|file| file.unwrap().path()).collect();
+    assert_eq!(descriptions.len(), 2);
+    drop(publisher);
+    // Files as they are until their maker has finished them.
+    let half_made = |path: &std::path::Path, mode| {
+        fs::write(path, "").unwrap();
+        fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+    };
+    descriptions.iter().for_each(|description| half_made(description, 0o600));
+    let register = format!("/dev/shm/{}half.dynamic", place.settings.prefix);
+    half_made(register.as_ref(), 0o200);
+    let mut subscriber = place.subscriber();
+    assert!(subscriber.next().unwrap().is_none());
+    let publisher = place.publisher();
+    meet(&publisher, &mut subscriber);
+    publish(&publisher, 7, 0);
+    assert_pixels(&receive(&mut subscriber));
+    assert!(!fs::exists(register).unwrap());
 }
 
 #[test]
