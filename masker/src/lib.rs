@@ -12,8 +12,10 @@ pub mod apply;
 pub mod check;
 pub mod components;
 pub mod file;
+pub mod generate;
 pub mod image;
 pub mod mask;
+pub mod metrics;
 
-pub use crate::image::{GrayImage, ImageView, ImageViewMut};
+pub use crate::image::{GrayImage, ImageView, ImageViewMut, RgbImage};
 pub use crate::mask::{Mask, MaskId, Run};

@@ -1,0 +1,71 @@
+//! The published method on one frame, equations 2 to 10 of "Towards Scalable and Fast UAV Deployment".
+
+use super::growth::grow;
+use super::neighbours::for_each_neighbourhood;
+use super::polygon::PolygonFiller;
+use super::{GenerateError, LIT, Parameters};
+use crate::image::GrayImage;
+
+/// Pixels of `image` that may show the airframe: [`LIT`] where brighter than sigma and considered (equations 2 to 5).
+pub(super) fn candidates(image: &GrayImage, considered: &GrayImage, sigma: u8) -> GrayImage {
+    let mut candidates = considered.clone();
+    for (candidate, value) in candidates.iter_mut().zip(image.as_raw()) {
+        *candidate = if *value > sigma { *candidate } else { 0 };
+    }
+    candidates
+}
+
+/// Number of candidates, |P|.
+pub(super) fn count(candidates: &GrayImage) -> usize {
+    candidates.as_raw().iter().map(|value| usize::from(*value == LIT)).sum()
+}
+
+/// Connects the candidates with their neighbours and grows the result (equations 7 to 10).
+pub(super) fn connect(candidates: &GrayImage, parameters: &Parameters) -> Result<GrayImage, GenerateError> {
+    let mut points = Vec::new();
+    let mut queried = Vec::new();
+    let half_side = half_side_of_neighbours(parameters.k);
+    for (y, row) in (0..).zip(candidates.as_raw().chunks_exact(candidates.width().max(1) as usize)) {
+        for (x, value) in (0..).zip(row) {
+            if *value == LIT {
+                points.push((x, y));
+                if !is_surrounded(candidates, x, y, half_side) {
+                    queried.push((x, y));
+                }
+            }
+        }
+    }
+    let mut shape = candidates.clone();
+    let mut filler = PolygonFiller::default();
+    for_each_neighbourhood(&points, &queried, parameters, |neighbours| filler.fill(&mut shape, neighbours))?;
+    grow(&mut shape, parameters.kappa);
+    Ok(shape)
+}
+
+/// Whether all pixels in a square around (x, y) are candidates.
+///
+/// Where the square holds the k nearest pixels of (x, y), its polygon lies within the square and so adds nothing to
+/// the candidates, each of which is a corner of its own polygon.
+fn is_surrounded(candidates: &GrayImage, x: u32, y: u32, half_side: u32) -> bool {
+    let (width, height) = candidates.dimensions();
+    if x < half_side || y < half_side || width - x <= half_side || height - y <= half_side {
+        return false;
+    }
+    let columns = (x - half_side) as usize..=(x + half_side) as usize;
+    (y - half_side..=y + half_side).all(|y| {
+        let row = &candidates.as_raw()[y as usize * width as usize..][columns.clone()];
+        row.iter().all(|value| *value == LIT)
+    })
+}
+
+/// Half the side of the smallest square that holds the k nearest pixels of its centre, whichever of equally distant
+/// ones are taken: all pixels nearer than the first row outside number at least k.
+fn half_side_of_neighbours(k: u32) -> u32 {
+    let holds = |half_side: u32| {
+        let (half_side, outside) = (i64::from(half_side), (i64::from(half_side) + 1).pow(2));
+        let square = || -half_side..=half_side;
+        let nearer = square().flat_map(|y| square().map(move |x| x * x + y * y)).filter(|d| *d < outside);
+        nearer.count() >= k as usize
+    };
+    (0..).find(|half_side| holds(*half_side)).unwrap_or(u32::MAX)
+}
