@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
+use uvcam_masker::generate::Rectangle;
+
+use crate::generator::Wish;
 
 /// Onboard camera driver: fixed exposure, airframe mask applied in line, frames to every consumer without a copy.
 #[derive(Debug, Parser)]
@@ -29,6 +32,8 @@ pub enum Command {
     List(List),
     /// Read a camera's frames as any consumer would, and report what arrived
     Watch(Watch),
+    /// Make a camera's mask from frames in which a lamp lights its airframe
+    Generate(Generate),
     /// Work on mask files
     #[command(subcommand)]
     Mask(Mask),
@@ -76,6 +81,35 @@ pub struct Watch {
     pub json: bool,
 }
 
+/// `uvcam generate`
+#[derive(Debug, Args)]
+#[command(group = clap::ArgGroup::new("source").required(true).args(["camera", "all", "from"]))]
+pub struct Generate {
+    /// Name of the camera in the configuration
+    pub camera: Option<String>,
+    /// Every configured camera, one after the other
+    #[arg(long)]
+    pub all: bool,
+    /// Make the mask from these pictures instead of a camera's frames
+    #[arg(long, value_name = "FRAME.png", num_args = 1.., requires = "out", conflicts_with = "accept")]
+    pub from: Vec<PathBuf>,
+    /// Where to write the mask
+    #[arg(long, value_name = "MASK.png", requires = "from")]
+    pub out: Option<PathBuf>,
+    /// Columns x0 to x1 and rows y0 to y1 that are not the airframe, H_cam; an empty end is the image border
+    #[arg(long, value_name = "X0:X1:Y0:Y1", allow_hyphen_values = true)]
+    pub ignore: Vec<Rectangle>,
+    /// Put the mask in force at once, without a look at the candidate
+    #[arg(long)]
+    pub accept: bool,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// How the mask is made
+    #[command(flatten)]
+    pub wish: Wish,
+}
+
 /// `uvcam mask`
 #[derive(Debug, Subcommand)]
 pub enum Mask {
@@ -85,6 +119,16 @@ pub enum Mask {
     Apply(MaskApply),
     /// Make a mask binary and fill white holes and islets below 8 px
     Repair(MaskRepair),
+    /// Measure the parts of masks: area, perimeter, compactness
+    Metrics(MaskMetrics),
+    /// Put a camera's generated candidate in force
+    Accept(MaskOf),
+    /// Remove a camera's generated candidate
+    Discard(MaskOf),
+    /// List the masks that were in force before
+    History(MaskOf),
+    /// Put a mask of the history in force again
+    Restore(MaskRestore),
 }
 
 /// `uvcam mask check`
@@ -126,6 +170,37 @@ pub struct MaskRepair {
     /// Where to write the repaired mask
     #[arg(value_name = "OUT.png")]
     pub output: PathBuf,
+}
+
+/// `uvcam mask metrics`
+#[derive(Debug, Args)]
+pub struct MaskMetrics {
+    /// The masks, PNG files
+    #[arg(required = true)]
+    pub files: Vec<PathBuf>,
+    /// Print JSON
+    #[arg(long, conflicts_with = "csv")]
+    pub json: bool,
+    /// Print comma-separated values, a line for each part
+    #[arg(long)]
+    pub csv: bool,
+}
+
+/// `uvcam mask accept`, `discard`, `history`
+#[derive(Debug, Args)]
+pub struct MaskOf {
+    /// Name of the camera in the configuration
+    pub camera: String,
+}
+
+/// `uvcam mask restore`
+#[derive(Debug, Args)]
+pub struct MaskRestore {
+    /// Name of the camera in the configuration
+    pub camera: String,
+    /// Which one: 1 is the newest (see `uvcam mask history`)
+    #[arg(default_value_t = 1)]
+    pub number: usize,
 }
 
 /// `uvcam demo`

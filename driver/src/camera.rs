@@ -111,6 +111,10 @@ pub struct Settings {
     pub offset_x: u32,
     /// Upper edge of the region on the sensor, px (SFNC `OffsetY`).
     pub offset_y: u32,
+    /// Sensor columns that make one column of the image (SFNC `BinningHorizontal`); 1 does not bin.
+    pub binning_horizontal: u32,
+    /// Sensor rows that make one row of the image (SFNC `BinningVertical`); 1 does not bin.
+    pub binning_vertical: u32,
     /// Pixel format by its PFNC name.
     pub pixel_format: PixelFormat,
     /// Frames a second (SFNC `AcquisitionFrameRate`).
@@ -168,6 +172,15 @@ impl Settings {
             ),
             remedy,
         })
+    }
+
+    /// Refuses binning, for a camera that has no sensor.
+    ///
+    /// # Errors
+    /// [`CameraError::Refused`].
+    pub fn check_not_binned(&self) -> Result<(), CameraError> {
+        verify("binning_horizontal", f64::from(self.binning_horizontal), 1.0, 0.0)?;
+        verify("binning_vertical", f64::from(self.binning_vertical), 1.0, 0.0)
     }
 }
 

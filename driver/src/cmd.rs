@@ -2,7 +2,10 @@
 
 use std::io::{IsTerminal, Write};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
+use signal_hook::consts::{SIGINT, SIGTERM};
 use tracing_subscriber::EnvFilter;
 
 use crate::args::{Arguments, Command};
@@ -11,6 +14,7 @@ use crate::error::{Error, with_causes};
 use crate::exit::Exit;
 
 mod demo;
+mod generate;
 mod list;
 mod mask;
 mod run;
@@ -30,7 +34,8 @@ pub fn execute(arguments: Arguments) -> Exit {
         Command::Run(run) => load(file).and_then(|config| run::execute(&run, &config)),
         Command::List(list) => list::execute(&list),
         Command::Watch(watch) => load(file).and_then(|config| watch::execute(&watch, &config)),
-        Command::Mask(mask) => mask::execute(&mask),
+        Command::Generate(generate) => generate::execute(&generate, || load(file)),
+        Command::Mask(mask) => mask::execute(&mask, || load(file)),
         Command::Config => print(config::DEFAULT.trim_end()).map(|()| Exit::Done),
         Command::Demo(demo) => demo::execute(&demo),
     };
@@ -42,6 +47,19 @@ pub fn execute(arguments: Arguments) -> Exit {
 
 fn load(file: Option<&Path>) -> Result<Config, Error> {
     Ok(Config::load(file)?)
+}
+
+/// A flag that SIGINT and SIGTERM set.
+fn stop_flag() -> Result<Arc<AtomicBool>, Error> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, stop.clone()).map_err(|source| Error::System {
+            doing: "listening to",
+            path: "signals".into(),
+            source,
+        })?;
+    }
+    Ok(stop)
 }
 
 /// Prints data to stdout. A reader that has seen enough and closed the pipe is no error.

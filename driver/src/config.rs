@@ -5,6 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
+use uvcam_masker::generate::IgnoredRegion;
 use uvcam_shm_ipc::PixelFormat;
 
 use crate::camera::Settings;
@@ -46,6 +47,19 @@ pub struct CameraConfig {
     pub settings: Settings,
     /// What is blanked.
     pub mask: MaskChoice,
+    /// How its mask is generated.
+    pub generate: Generate,
+}
+
+/// `[camera.generate]`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Generate {
+    /// Exposure time of lit frames, microseconds.
+    pub exposure_us: f64,
+    /// Gain of lit frames, decibels.
+    pub gain_db: f64,
+    /// Where light is not the airframe's.
+    pub ignored: IgnoredRegion,
 }
 
 /// `mask`
@@ -72,6 +86,16 @@ pub enum Source {
     },
     /// A rendered scene.
     Simulated(Simulated),
+}
+
+impl Source {
+    /// What tells this camera from others: its serial, or the folder's name.
+    pub fn serial(&self) -> &str {
+        match self {
+            Source::Aravis { serial } | Source::Simulated(Simulated { serial, .. }) => serial,
+            Source::Replay { path } => path.file_name().and_then(|name| name.to_str()).unwrap_or("replay"),
+        }
+    }
 }
 
 /// The simulated camera's own keys.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 use uvcam_masker::apply::ApplyError;
 use uvcam_masker::file::FileError;
+use uvcam_masker::generate::GenerateError;
 use uvcam_masker::image::ImageError;
 use uvcam_shm_ipc::{HeaderError, IpcError, LoanError};
 
@@ -30,6 +31,20 @@ pub enum Error {
     /// A picture cannot be read or written.
     #[error(transparent)]
     Picture(#[from] FileError),
+    /// A mask cannot be computed.
+    #[error("no mask generated")]
+    Generate(#[from] GenerateError),
+    /// The running driver did not do what it was asked.
+    #[error("the driver: {cause}")]
+    Driver {
+        /// The exit code that it gives.
+        exit: u8,
+        /// Why.
+        cause: String,
+    },
+    /// The camera did not take its flight settings back.
+    #[error("flight settings not restored, nothing is published: {0}")]
+    NotRestored(String),
     /// A frame and its mask do not fit together.
     #[error("frame not masked, so not published: {0}")]
     Apply(#[from] ApplyError),
@@ -64,10 +79,20 @@ impl Error {
     /// The exit code of a command that ends with this error.
     pub fn exit(&self) -> Exit {
         match self {
-            Error::Config(_) | Error::Usage(_) | Error::Picture(_) | Error::System { .. } => Exit::Usage,
-            Error::Mask(_) | Error::MaskFile(_) | Error::Apply(_) | Error::Image(_) => Exit::Refused,
+            Error::Config(_)
+            | Error::Usage(_)
+            | Error::Generate(_)
+            | Error::Picture(_)
+            | Error::System { .. } => Exit::Usage,
+            Error::Ipc(IpcError::CameraName(_) | IpcError::Setting { .. }) => Exit::Usage,
+            Error::Mask(_)
+            | Error::MaskFile(_)
+            | Error::Apply(_)
+            | Error::Image(_)
+            | Error::NotRestored(_) => Exit::Refused,
             Error::Camera(error) if error.is_refusal() => Exit::Refused,
             Error::Camera(_) => Exit::Camera,
+            Error::Driver { exit, .. } => Exit::from_code(*exit),
             Error::Ipc(_) | Error::Header(_) | Error::Loan(_) => Exit::SharedMemory,
         }
     }

@@ -16,6 +16,14 @@ pub enum Exit {
     SharedMemory = 5,
 }
 
+impl Exit {
+    /// The exit that has this code; a code that none has is a camera's.
+    pub fn from_code(code: u8) -> Self {
+        let all = [Exit::Done, Exit::Usage, Exit::Refused, Exit::Camera, Exit::SharedMemory];
+        all.into_iter().find(|exit| *exit as u8 == code).unwrap_or(Exit::Camera)
+    }
+}
+
 impl From<Exit> for std::process::ExitCode {
     fn from(exit: Exit) -> Self {
         Self::from(exit as u8)

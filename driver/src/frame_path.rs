@@ -15,6 +15,7 @@ use uvcam_shm_ipc::{FrameHeader, Publisher, Slot, monotonic_ns};
 use crate::camera::{Applied, Camera, CameraError, Capture, Event};
 use crate::clock;
 use crate::error::Error;
+use crate::generate::Order;
 use crate::mask::MaskInForce;
 
 /// Longest wait for a frame before the thread looks at its commands.
@@ -27,6 +28,8 @@ const SILENCE_NS: u64 = 1_000_000_000;
 pub enum Command {
     /// Fly this mask from the next frame on.
     Mask(MaskInForce),
+    /// Leave the path and collect lit frames.
+    Generate(Box<Order>),
 }
 
 /// What happened on the path, readable by any thread.
@@ -81,11 +84,12 @@ pub struct Position {
 }
 
 impl FramePath<'_> {
-    /// Walks until `stop` is set or the camera fails; `streaming` is called after the first frame is out.
+    /// Walks until `stop` is set, the camera fails, or an order for lit frames comes, which is returned. `streaming` is called after
+    /// the first frame is out.
     ///
     /// # Errors
     /// What ended the epoch. The camera is to be dropped.
-    pub fn run(&mut self, stop: &AtomicBool, streaming: impl FnOnce()) -> Result<(), Error> {
+    pub fn run(&mut self, stop: &AtomicBool, streaming: impl FnOnce()) -> Result<Option<Box<Order>>, Error> {
         add(&self.counters.epochs, 1);
         self.fill_queue()?;
         self.camera.start()?;
@@ -94,7 +98,10 @@ impl FramePath<'_> {
         let mut streaming = Some(streaming);
         // Relaxed: the flag carries no data, and is seen within one `PATIENCE`.
         while !stop.load(Ordering::Relaxed) {
-            self.take_commands();
+            if let Some(order) = self.take_commands() {
+                self.camera.stop();
+                return Ok(Some(order));
+            }
             match self.camera.next(PATIENCE)? {
                 Event::Complete(capture) => {
                     last_sign_of_life_ns = capture.arrival_monotonic_ns;
@@ -121,7 +128,7 @@ impl FramePath<'_> {
             self.fill_queue()?;
         }
         self.camera.stop();
-        Ok(())
+        Ok(None)
     }
 
     fn publish(&mut self, capture: Capture) -> Result<(), Error> {
@@ -177,11 +184,17 @@ impl FramePath<'_> {
         Ok(())
     }
 
-    fn take_commands(&mut self) {
-        while let Ok(Command::Mask(mask)) = self.commands.try_recv() {
-            self.header.set_mask(mask.as_deref().map(|mask| mask.id().0));
-            *self.mask = mask;
+    fn take_commands(&mut self) -> Option<Box<Order>> {
+        while let Ok(command) = self.commands.try_recv() {
+            match command {
+                Command::Mask(mask) => {
+                    self.header.set_mask(mask.as_deref().map(|mask| mask.id().0));
+                    *self.mask = mask;
+                }
+                Command::Generate(order) => return Some(order),
+            }
         }
+        None
     }
 
     fn failed(&self, cause: String) -> CameraError {

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use uvcam_shm_ipc::{Flags, FrameHeader, Publisher, realtime_ns};
@@ -15,8 +15,9 @@ use crate::camera::replay::ReplayCamera;
 use crate::camera::simulated::Device;
 use crate::camera::{Applied, Camera, CameraError};
 use crate::config::{CameraConfig, Ipc, Source};
-use crate::error::Error;
+use crate::error::{Error, with_causes};
 use crate::frame_path::{Command, Counters, FramePath, Position};
+use crate::generate::Order;
 use crate::mask::{self, MaskInForce};
 
 /// Waits between attempts to open a camera: the first, and the longest.
@@ -29,6 +30,8 @@ const PATIENCE: Duration = Duration::from_millis(100);
 pub enum State {
     /// Frames are going out.
     Streaming,
+    /// Lit frames are collected for a mask; nothing goes out.
+    Generating,
     /// The camera failed and will be tried again.
     Waiting(Error),
     /// The camera stays closed: what is wrong does not change by itself.
@@ -105,6 +108,14 @@ impl Supervisor {
         Supervisor { place, camera, ipc, opener, publisher: None, commands, notify, counters, stop }
     }
 
+    /// Fulfils an order for a camera that no driver runs.
+    pub fn fulfil_alone(camera: &CameraConfig, ipc: &Ipc, stop: Arc<AtomicBool>, order: Order) {
+        let (_, commands) = channel();
+        let counters = Arc::default();
+        Supervisor::new(0, camera.clone(), ipc.clone(), commands, Box::new(|_| ()), counters, stop)
+            .fulfil_while_closed(order);
+    }
+
     /// Runs until told to stop.
     pub fn run(mut self) {
         let mut wait = BACK_OFF.0;
@@ -130,7 +141,7 @@ impl Supervisor {
     }
 
     /// The mask that the configuration names, or the first one after it that can fly; nothing where the driver stops before.
-    fn first_mask(&self) -> Option<MaskInForce> {
+    fn first_mask(&mut self) -> Option<MaskInForce> {
         match mask::load(&self.camera) {
             Ok(mask) => Some(mask),
             Err(error) => {
@@ -141,10 +152,11 @@ impl Supervisor {
     }
 
     /// Waits until a command brings a mask that can fly; nothing where the driver stops before.
-    fn next_mask(&self) -> Option<MaskInForce> {
+    fn next_mask(&mut self) -> Option<MaskInForce> {
         while !self.stopped() {
             match self.commands.recv_timeout(PATIENCE) {
                 Ok(Command::Mask(mask)) => return Some(mask),
+                Ok(Command::Generate(order)) => self.fulfil_while_closed(*order),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return None,
             }
@@ -152,35 +164,77 @@ impl Supervisor {
         None
     }
 
-    /// Opens the camera and publishes its frames until it fails or the driver stops.
+    /// Opens the camera and publishes its frames until it fails or the driver stops. Orders for lit frames are fulfilled between two
+    /// epochs.
     fn stream(&mut self, mask: &mut MaskInForce) -> Result<(), Error> {
         let mut camera = self.opener.open()?;
-        let applied = camera.configure(&self.camera.settings)?;
-        let header = self.header(&applied, mask);
-        // Consumers stay connected to a publisher that still fits; another one must be gone before its successor comes.
-        let kept = self.publisher.take().filter(|publisher| publisher.frame_bytes() == applied.payload_bytes);
-        let publisher = match kept {
-            Some(publisher) => publisher,
-            None => Publisher::create(
-                &self.ipc.settings,
-                &self.camera.name,
-                applied.payload_bytes,
-                self.ipc.slots,
-            )?,
-        };
-        let mut path = FramePath {
-            camera: camera.as_mut(),
-            applied: &applied,
-            publisher: self.publisher.insert(publisher),
-            mask,
-            commands: &self.commands,
-            counters: &self.counters,
-            header,
-            slots: self.ipc.slots,
-            position: Position::default(),
-        };
-        let (notify, place) = (&self.notify, self.place);
-        path.run(&self.stop, || notify(Notice { camera: place, state: State::Streaming }))
+        loop {
+            let applied = camera.configure(&self.camera.settings)?;
+            let header = self.header(&applied, mask);
+            let publisher = self.publisher_for(applied.payload_bytes)?;
+            let mut path = FramePath {
+                camera: camera.as_mut(),
+                applied: &applied,
+                publisher: &publisher,
+                mask,
+                commands: &self.commands,
+                counters: &self.counters,
+                header,
+                slots: self.ipc.slots,
+                position: Position::default(),
+            };
+            let order = path.run(&self.stop, || self.notify(State::Streaming));
+            self.publisher = Some(publisher);
+            match order? {
+                Some(order) => {
+                    self.notify(State::Generating);
+                    self.fulfil(camera.as_mut(), *order)?;
+                }
+                None => return Ok(()),
+            }
+        }
+    }
+
+    /// The publisher of this camera. Consumers stay connected to one that still fits; another one must be gone before its successor
+    /// comes.
+    fn publisher_for(&mut self, payload_bytes: usize) -> Result<Publisher, Error> {
+        match self.publisher.take().filter(|publisher| publisher.frame_bytes() == payload_bytes) {
+            Some(publisher) => Ok(publisher),
+            None => {
+                Ok(Publisher::create(&self.ipc.settings, &self.camera.name, payload_bytes, self.ipc.slots)?)
+            }
+        }
+    }
+
+    /// Collects lit frames, and gives the camera its flight settings back before it says so.
+    fn fulfil(&mut self, camera: &mut dyn Camera, mut order: Order) -> Result<(), Error> {
+        let publisher = self.publisher_for(self.camera.settings.frame_bytes())?;
+        let collected = order.collect(camera, &self.camera.settings, &publisher, self.ipc.slots, &self.stop);
+        camera.stop();
+        self.publisher = Some(publisher);
+        let restored = camera.configure(&self.camera.settings);
+        let Order { done, generator, .. } = order;
+        match (collected, restored) {
+            (Ok(applied), Ok(_)) => done(generator, Ok(applied)),
+            (Err(error), Ok(_)) => done(generator, Err(error)),
+            (_, Err(error)) => {
+                done(generator, Err(Error::NotRestored(with_causes(&error))));
+                return Err(error.into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Fulfils an order for a camera that publishes nothing, and closes it again.
+    fn fulfil_while_closed(&mut self, order: Order) {
+        match self.opener.open() {
+            // What went wrong was told to whoever ordered.
+            Ok(mut camera) => drop(self.fulfil(camera.as_mut(), order)),
+            Err(error) => {
+                let Order { done, generator, .. } = order;
+                done(generator, Err(error.into()));
+            }
+        }
     }
 
     /// What stays the same over one epoch.

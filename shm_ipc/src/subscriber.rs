@@ -23,7 +23,7 @@ use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::settings::Settings;
 
 /// Time between attempts to find a driver.
-const RETRY: Duration = Duration::from_millis(20);
+const RETRY: Duration = Duration::from_millis(50);
 /// Silence after which services without a driver are let go, so that the next driver can make them as it likes.
 const SILENCE: Duration = Duration::from_secs(1);
 /// How long a failing system is tried again before it is reported: files that others just make or remove come and go.

@@ -244,6 +244,21 @@ fn settings_beyond_their_limits_are_refused() {
 }
 
 #[test]
+fn the_longest_root_path_and_camera_name_work() {
+    let mut place = Place::new();
+    let begin = format!("{}/", place.folder.path().display());
+    let rest = "x".repeat(60 - place.settings.prefix.len() - begin.len());
+    place.settings.root_path = format!("{begin}{rest}").into();
+    let camera = "c".repeat(64);
+    let publisher = Publisher::create(&place.settings, &camera, FRAME_BYTES, LOANS).unwrap();
+    let mut subscriber = place.subscriber_of(&camera).unwrap();
+    // To sleep takes a socket, of all files the one with the shortest limit.
+    assert!(!subscriber.wait(Duration::from_millis(1)).unwrap());
+    publish(&publisher, 7, 0);
+    assert_pixels(&receive(&mut subscriber));
+}
+
+#[test]
 fn camera_names_that_cannot_be_are_refused() {
     let place = Place::new();
     for name in ["", "a/b", "left camera", "..", &"x".repeat(65)] {

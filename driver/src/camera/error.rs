@@ -20,7 +20,7 @@ pub enum CameraError {
     /// The device applied something else than was asked, so its frames would not be what the configuration promises.
     #[error("{setting} = {asked} refused: the camera gives {applied}; {remedy}")]
     Refused {
-        /// The key in the configuration.
+        /// The key in the configuration, or the GenICam feature.
         setting: &'static str,
         /// The value asked for.
         asked: String,

@@ -66,6 +66,7 @@ impl Camera for ReplayCamera {
 
     /// Reads the pictures. Exposure and gain are what the configuration says of them: a picture does not tell.
     fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError> {
+        settings.check_not_binned()?;
         settings.check_exposure_fits(0.0)?;
         if settings.pixel_format != PixelFormat::Mono8 {
             return Err(CameraError::Refused {

@@ -163,6 +163,7 @@ impl Camera for SimulatedCamera {
     }
 
     fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError> {
+        settings.check_not_binned()?;
         settings.check_exposure_fits(self.device.script.readout_us)?;
         // As a sensor does, it knows exposures of whole microseconds and gains of tenths of a decibel.
         let (exposure_us, gain_db) = (settings.exposure_us.round(), (settings.gain_db * 10.0).round() / 10.0);

@@ -9,35 +9,42 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 use rustix::process::{Pid, Signal, kill_process};
-use uvcam_masker::Mask;
 
 use crate::args;
-use crate::camera::simulated::airframe;
 use crate::error::Error;
 use crate::exit::Exit;
 
 /// Image of the mvBlueFOX-MLC200wG, the camera of most UVDAR units, px.
 const SIZE: (u32, u32) = (752, 480);
 const FPS: u32 = 60;
-/// By how much the mask is larger than the airframe, px: what moves with vibration stays inside.
-const MARGIN_PX: i64 = 6;
 
 pub(super) fn execute(arguments: &args::Demo) -> Result<Exit, Error> {
     let demo = Demo::prepare(&arguments.out)?;
-    let frames = (arguments.seconds * f64::from(FPS)).ceil().max(1.0).to_string();
-    let mask = demo.file("mask.png");
     let driver = demo.start_driver()?;
-    tracing::info!(
-        "driver: process {}; consumer: another process, {frames} frames at {FPS} fps",
-        driver.0.id()
-    );
+    let id = driver.0.id();
+    tracing::info!("1/3 driver, process {id}; it publishes nothing of a camera that has no mask yet");
+    demo.take_picture("unmasked", "input.png")?;
+
+    tracing::info!("2/3 the driver makes the mask from lit frames");
+    let generated = demo.generate("masked")?;
+    if generated != Exit::Done {
+        return Ok(generated);
+    }
+
+    let frames = (arguments.seconds * f64::from(FPS)).ceil().max(1.0).to_string();
+    tracing::info!("3/3 consumer, another process: {frames} frames at {FPS} fps");
+    let mask = demo.file("mask.png");
     let options = ["--frames".as_ref(), frames.as_ref(), "--mask".as_ref(), mask.as_os_str()];
     let watched = demo.watch("masked", &options, Stdio::inherit())?;
-    demo.take_picture("unmasked", "input.png")?;
     demo.take_picture("masked", "masked.png")?;
     drop(driver);
     if watched == Exit::Done {
         tracing::info!("look at input.png, mask.png and masked.png in {}", demo.folder.display());
+    } else {
+        tracing::error!(
+            "to see what the driver says: uvcam run --config {}",
+            demo.file("demo.toml").display()
+        );
     }
     Ok(watched)
 }
@@ -52,8 +59,9 @@ impl Demo {
         fs::create_dir_all(folder).map_err(failed("making folder", folder))?;
         let program = std::env::current_exe().map_err(failed("finding", Path::new("this program")))?;
         let demo = Demo { folder: folder.into(), program };
-        airframe_mask().save(&demo.file("mask.png"), &[])?;
         let config = demo.file("demo.toml");
+        // A mask of an earlier demonstration would be flown from the start.
+        let _ = fs::remove_file(demo.file("mask.png"));
         fs::write(&config, configuration()).map_err(failed("writing", &config))?;
         Ok(demo)
     }
@@ -70,8 +78,8 @@ impl Demo {
 
     fn start_driver(&self) -> Result<Driver, Error> {
         let mut process = self.uvcam("run");
-        // Its status line would fight with the consumer's for the terminal.
-        let child = process.env("UVCAM_LOG", "warn").stdout(Stdio::null()).spawn();
+        // What it says would fight with the consumer's status line for the terminal.
+        let child = process.stdout(Stdio::null()).stderr(Stdio::null()).spawn();
         Ok(Driver(child.map_err(failed("starting", &self.program))?))
     }
 
@@ -80,6 +88,12 @@ impl Demo {
         let status = process.arg(camera).args(["--timeout", "10"]).args(options).stdout(stdout).status();
         let status = status.map_err(failed("starting", &self.program))?;
         Ok(if status.success() { Exit::Done } else { Exit::SharedMemory })
+    }
+
+    fn generate(&self, camera: &str) -> Result<Exit, Error> {
+        let status = self.uvcam("generate").args([camera, "--accept"]).status();
+        let status = status.map_err(failed("starting", &self.program))?;
+        Ok(if status.success() { Exit::Done } else { Exit::Refused })
     }
 
     /// Saves one frame of the camera under this name.
@@ -114,22 +128,14 @@ fn configuration() -> String {
     for (name, mask) in [("masked", "mask.png"), ("unmasked", "none")] {
         text += &format!(
             "\n[[camera]]\nname = \"{name}\"\nsource = {{ kind = \"simulated\", serial = \"DEMO\" }}\n\
-             width = {}\nheight = {}\nfps = {FPS}\nexposure_us = 2500\nmask = \"{mask}\"\n",
-            SIZE.0, SIZE.1
+             width = {}\nheight = {}\nfps = {FPS}\nexposure_us = 2500\nmask = \"{mask}\"\n\
+             [camera.generate]\nignore = [\"::0:{}\"]\n",
+            SIZE.0,
+            SIZE.1,
+            SIZE.1 / 2
         );
     }
     text
-}
-
-/// The simulated airframe, grown by [`MARGIN_PX`].
-fn airframe_mask() -> Mask {
-    let shown = airframe(SIZE.0, SIZE.1);
-    let around = |x: u32, y: u32, dx: i64, dy: i64| {
-        let (x, y) = (i64::from(x) + dx, i64::from(y) + dy);
-        u32::try_from(x).is_ok_and(|x| u32::try_from(y).is_ok_and(|y| shown(x, y)))
-    };
-    let reach = -MARGIN_PX..=MARGIN_PX;
-    Mask::from_fn(SIZE.0, SIZE.1, |x, y| reach.clone().any(|dx| reach.clone().any(|dy| around(x, y, dx, dy))))
 }
 
 fn failed(doing: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Error {

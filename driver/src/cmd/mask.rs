@@ -5,17 +5,32 @@ use uvcam_masker::check::{self, Report, Severity};
 use uvcam_masker::{ImageViewMut, Mask, MaskId, file};
 
 use crate::args;
+use crate::config::Config;
 use crate::error::Error;
 use crate::exit::Exit;
+use crate::mask_store::MaskStore;
+
+mod in_force;
+mod metrics;
 
 /// White islets smaller than this in both directions are filled, px: a marker detector fires on them.
 const ISLET_PX: u32 = 8;
 
-pub(super) fn execute(arguments: &args::Mask) -> Result<Exit, Error> {
+pub(super) fn execute(
+    arguments: &args::Mask,
+    config: impl FnOnce() -> Result<Config, Error>,
+) -> Result<Exit, Error> {
     match arguments {
         args::Mask::Check(arguments) => check(arguments),
         args::Mask::Apply(arguments) => apply(arguments),
         args::Mask::Repair(arguments) => repair(arguments),
+        args::Mask::Metrics(arguments) => metrics::execute(arguments),
+        args::Mask::Accept(of) => in_force::change(&of.camera, &config()?, MaskStore::accept),
+        args::Mask::Restore(of) => {
+            in_force::change(&of.camera, &config()?, |store: &MaskStore| store.restore(of.number))
+        }
+        args::Mask::Discard(of) => in_force::discard(&of.camera, &config()?),
+        args::Mask::History(of) => in_force::history(&of.camera, &config()?),
     }
 }
 

@@ -22,13 +22,21 @@ use crate::frame_path::{Command, Counters};
 use crate::mask;
 use crate::supervise::{Notice, State, Supervisor};
 
+mod service;
+
+use service::{Collected, Service};
+
 /// How often the main thread looks after dead consumers and its status line.
 const TICK: Duration = Duration::from_secs(1);
+
+/// How often it looks for questions.
+const GLANCE: Duration = Duration::from_millis(50);
 
 /// What the main thread hears of.
 enum Event {
     Signal(i32),
     Camera(Notice),
+    Collected(Box<Collected>),
 }
 
 /// A camera as the main thread sees it.
@@ -49,10 +57,10 @@ pub(super) fn execute(arguments: &args::Run, config: &Config) -> Result<Exit, Er
     let mut cameras = started
         .map(|(place, camera)| start(place, camera, config, &events, &stop))
         .collect::<Result<Vec<_>, Error>>()?;
-    drop(events);
+    let mut service = Service::open(config, events)?;
 
     let end = arguments.duration.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
-    let exit = attend(&mut cameras, config, &inbox, end);
+    let exit = attend(&mut cameras, &mut service, config, &inbox, end);
 
     stop.store(true, Ordering::Relaxed);
     for camera in &mut cameras {
@@ -123,10 +131,17 @@ fn spawn(name: &str, body: impl FnOnce() + Send + 'static) -> Result<JoinHandle<
 }
 
 /// Serves the running cameras until a signal, the end of the time, or until none of them can work.
-fn attend(cameras: &mut [Running], config: &Config, inbox: &Receiver<Event>, end: Option<Instant>) -> Exit {
+fn attend(
+    cameras: &mut [Running],
+    service: &mut Service,
+    config: &Config,
+    inbox: &Receiver<Event>,
+    end: Option<Instant>,
+) -> Exit {
     let mut next_tick = Instant::now() + TICK;
     loop {
-        let wake = end.map_or(next_tick, |end| end.min(next_tick));
+        let wake = next_tick.min(Instant::now() + GLANCE);
+        let wake = end.map_or(wake, |end| end.min(wake));
         match inbox.recv_timeout(wake.saturating_duration_since(Instant::now())) {
             Ok(Event::Signal(SIGHUP)) => reload_masks(cameras),
             Ok(Event::Signal(_)) => return how_it_went(cameras),
@@ -140,9 +155,11 @@ fn attend(cameras: &mut [Running], config: &Config, inbox: &Receiver<Event>, end
                     return how_it_went(cameras);
                 }
             }
+            Ok(Event::Collected(collected)) => service.conclude(*collected, cameras),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return how_it_went(cameras),
         }
+        service.attend(cameras);
         let now = Instant::now();
         if end.is_some_and(|end| now >= end) {
             return how_it_went(cameras);
@@ -158,7 +175,7 @@ fn attend(cameras: &mut [Running], config: &Config, inbox: &Receiver<Event>, end
 /// A camera that never worked and does not work now. One that has worked is waited for.
 fn is_hopeless(camera: &Running) -> bool {
     match &camera.state {
-        None | Some(State::Streaming) => false,
+        None | Some(State::Streaming | State::Generating) => false,
         Some(State::Refused(_)) => true,
         Some(State::Waiting(_)) => camera.counters.published.load(Ordering::Relaxed) == 0,
     }
@@ -168,7 +185,7 @@ fn is_hopeless(camera: &Running) -> bool {
 fn how_it_went(cameras: &[Running]) -> Exit {
     let troubles = cameras.iter().filter_map(|camera| match &camera.state {
         Some(State::Waiting(error) | State::Refused(error)) => Some(error.exit()),
-        None | Some(State::Streaming) => None,
+        None | Some(State::Streaming | State::Generating) => None,
     });
     troubles.into_iter().next().unwrap_or(Exit::Done)
 }
@@ -177,6 +194,9 @@ fn report(camera: &Running, state: &State) {
     let name = &camera.config.name;
     match state {
         State::Streaming => tracing::info!("{name}: streaming, {}", describe_mask(&camera.config.mask)),
+        State::Generating => {
+            tracing::info!("{name}: publishes nothing while lit frames are collected for a mask")
+        }
         State::Waiting(error) => tracing::warn!("{name}: {}; trying again", with_causes(error)),
         State::Refused(error) => tracing::error!("{name}: publishes nothing: {}", with_causes(error)),
     }
@@ -192,16 +212,21 @@ fn describe_mask(mask: &MaskChoice) -> String {
 /// Reads every mask anew. One that cannot fly is reported, and the mask in force stays.
 fn reload_masks(cameras: &[Running]) {
     for camera in cameras {
-        let name = &camera.config.name;
-        match mask::load(&camera.config) {
-            Ok(mask) => {
-                let id = mask.as_ref().map_or_else(|| "none".into(), |mask| mask.id().to_string());
-                tracing::info!("{name}: mask {id} from the next frame on");
-                // The thread is gone only where it panicked, which is reported at the end.
-                let _ = camera.commands.send(Command::Mask(mask));
-            }
-            Err(error) => tracing::error!("{name}: {}; what was in force stays", with_causes(&error)),
+        if let Err(error) = camera.reload_mask() {
+            tracing::error!("{}: {}; what was in force stays", camera.config.name, with_causes(&error));
         }
+    }
+}
+
+impl Running {
+    /// Reads the mask anew, and flies it from the next frame on.
+    fn reload_mask(&self) -> Result<(), Error> {
+        let mask = mask::load(&self.config)?;
+        let id = mask.as_ref().map_or_else(|| "none".into(), |mask| mask.id().to_string());
+        tracing::info!("{}: mask {id} from the next frame on", self.config.name);
+        // The thread is gone only where it panicked, which is reported at the end.
+        let _ = self.commands.send(Command::Mask(mask));
+        Ok(())
     }
 }
 

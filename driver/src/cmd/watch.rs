@@ -1,12 +1,9 @@
 //! `uvcam watch`: a consumer like any other, that reports what arrived.
 
 use std::io::{IsTerminal, Write};
-use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use signal_hook::consts::{SIGINT, SIGTERM};
 use uvcam_masker::{ImageView, Mask};
 use uvcam_shm_ipc::{Frame, Subscriber, monotonic_ns};
 
@@ -29,7 +26,7 @@ const IMPATIENCE: Duration = Duration::from_secs(2);
 pub(super) fn execute(arguments: &args::Watch, config: &Config) -> Result<Exit, Error> {
     let mask = arguments.mask.as_deref().map(Mask::load).transpose().map_err(Error::MaskFile)?;
     let saver = arguments.save.as_deref().map(Saver::new).transpose()?;
-    let stop = stop_flag()?;
+    let stop = super::stop_flag()?;
     let mut subscriber = Subscriber::open(&config.ipc.settings, &arguments.camera)?;
     let mut tally = Tally::new(&arguments.camera, mask.is_some());
     let silence = Silence::new(arguments.timeout.map(Duration::from_secs_f64));
@@ -88,18 +85,6 @@ fn masked_nonzero(mask: Option<&Mask>, frame: &Frame) -> Result<u64, Error> {
     let image =
         ImageView::new(frame.pixels(), header.width, header.height, header.stride as usize, bytes_per_pixel)?;
     Ok(mask.masked_nonzero(&image)?)
-}
-
-fn stop_flag() -> Result<Arc<AtomicBool>, Error> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register(signal, stop.clone()).map_err(|source| Error::System {
-            doing: "listening to",
-            path: Path::new("signals").into(),
-            source,
-        })?;
-    }
-    Ok(stop)
 }
 
 /// How long nothing has come, and what to make of it.

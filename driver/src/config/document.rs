@@ -5,10 +5,13 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use toml::Spanned;
+use uvcam_masker::generate::{CameraPlace, IgnoredRegion};
 use uvcam_shm_ipc::PixelFormat;
 
 use super::error::Text;
-use super::{CameraConfig, Config, ConfigError, Fault, FaultKind, Ipc, MaskChoice, Simulated, Source};
+use super::{
+    CameraConfig, Config, ConfigError, Fault, FaultKind, Generate, Ipc, MaskChoice, Simulated, Source,
+};
 use crate::camera::Settings;
 
 #[derive(Deserialize)]
@@ -18,6 +21,7 @@ struct Document {
     ipc: IpcTable,
     #[serde(default)]
     camera: Vec<CameraTable>,
+    uav: Option<Spanned<String>>,
 }
 
 #[derive(Deserialize, Default)]
@@ -40,11 +44,25 @@ struct CameraTable {
     height: Spanned<u32>,
     offset_x: Option<Spanned<u32>>,
     offset_y: Option<Spanned<u32>>,
+    binning_horizontal: Option<Spanned<u32>>,
+    binning_vertical: Option<Spanned<u32>>,
     pixel_format: Option<Spanned<String>>,
     fps: Spanned<f64>,
     exposure_us: Spanned<f64>,
     gain_db: Option<Spanned<f64>>,
-    mask: Spanned<String>,
+    mask: Option<Spanned<String>>,
+    #[serde(default)]
+    generate: GenerateTable,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct GenerateTable {
+    exposure_us: Option<Spanned<f64>>,
+    gain_db: Option<Spanned<f64>>,
+    camera_place: Option<Spanned<String>>,
+    ignore: Option<Vec<Spanned<String>>>,
+    ignore_polygons: Option<Vec<Vec<(u32, u32)>>>,
 }
 
 #[derive(Deserialize)]
@@ -67,12 +85,21 @@ struct FaultTable {
     seconds: Option<Spanned<f64>>,
 }
 
+/// What may name a camera or a UAV.
+const NAME: &str = "1 to 64 letters, digits, \"_\" or \"-\"";
+/// Where a mask lies that the configuration does not name: as UVDAR names them.
+const MASK: &str = "{uav}_{serial}.png";
+const EXPOSURE: &str = "1 to 10000000 microseconds";
+const GAIN: &str = "-40 to 80 decibels";
 /// The largest image side that is taken for meant, px.
 const LARGEST_SIDE: u32 = 16384;
 
 pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
-    let reader = Reader(Text { text, file });
-    let document: Document = toml::from_str(text).map_err(|error| reader.0.translate(&error))?;
+    let place = Text { text, file };
+    let document: Document = toml::from_str(text).map_err(|error| place.translate(&error))?;
+    let reader = Reader(place);
+    let uav =
+        reader.value_or("uav", document.uav, "uav".into(), NAME, |text| is_name(text) && text.len() <= 64)?;
     let ipc = reader.ipc(document.ipc)?;
     if document.camera.is_empty() {
         return Err(reader.0.refuse(0..0, "camera", "no [[camera]] table".into(), "at least one camera"));
@@ -80,7 +107,7 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
     let mut cameras: Vec<CameraConfig> = Vec::with_capacity(document.camera.len());
     for table in document.camera {
         let name = table.name.clone();
-        let camera = reader.camera(table)?;
+        let camera = reader.camera(table, &uav)?;
         if cameras.iter().any(|other| other.name == camera.name) {
             let found = format!("\"{}\" a second time", camera.name);
             return Err(reader.0.refuse(name.span(), "name", found, "a name of its own for each camera"));
@@ -163,9 +190,10 @@ impl Reader<'_> {
         })
     }
 
-    fn camera(&self, table: CameraTable) -> Result<CameraConfig, ConfigError> {
+    fn camera(&self, table: CameraTable, uav: &str) -> Result<CameraConfig, ConfigError> {
         let side = |key, value| self.value(key, value, "1 to 16384 px", |n| (1..=LARGEST_SIDE).contains(n));
         let offset = |key, value| self.value_or(key, value, 0, "0 to 16384 px", |n| *n <= LARGEST_SIDE);
+        let binning = |key, value| self.value_or(key, value, 1, "1 to 16", |n| (1..=16).contains(n));
         let pixel_format = match table.pixel_format {
             None => PixelFormat::Mono8,
             Some(name) => name.get_ref().parse().map_err(|_| {
@@ -178,6 +206,8 @@ impl Reader<'_> {
             height: side("height", table.height)?,
             offset_x: offset("offset_x", table.offset_x)?,
             offset_y: offset("offset_y", table.offset_y)?,
+            binning_horizontal: binning("binning_horizontal", table.binning_horizontal)?,
+            binning_vertical: binning("binning_vertical", table.binning_vertical)?,
             pixel_format,
             fps: self.value("fps", table.fps, "0.1 to 10000 frames a second", |fps| {
                 (0.1..=10_000.0).contains(fps)
@@ -188,25 +218,62 @@ impl Reader<'_> {
                 "1 to 10000000 microseconds",
                 |us| (1.0..=1e7).contains(us),
             )?,
-            gain_db: self.value_or("gain_db", table.gain_db, 0.0, "-40 to 80 decibels", |db| {
-                (-40.0..=80.0).contains(db)
-            })?,
+            gain_db: self.value_or("gain_db", table.gain_db, 0.0, GAIN, |db| (-40.0..=80.0).contains(db))?,
         };
-        let mask =
-            self.value("mask", table.mask, "a PNG file, or \"none\" to fly without a mask", |text| {
-                !text.is_empty()
-            })?;
-        Ok(CameraConfig {
-            name: self.value("name", table.name, "1 to 64 letters, digits, \"_\" or \"-\"", |text| {
-                is_name(text) && text.len() <= 64
+        let name = self.value("name", table.name, NAME, |text| is_name(text) && text.len() <= 64)?;
+        let source = self.source(table.source)?;
+        let allowed = "a PNG file, or \"none\" to fly without a mask";
+        let mask = self.value_or("mask", table.mask, MASK.into(), allowed, |text| !text.is_empty())?;
+        let mask = match mask.as_str() {
+            "none" => MaskChoice::None,
+            template => {
+                let file = template
+                    .replace("{uav}", uav)
+                    .replace("{camera}", &name)
+                    .replace("{serial}", source.serial());
+                MaskChoice::File(self.resolve(file.as_ref()))
+            }
+        };
+        let generate = self.generate(table.generate, &settings)?;
+        Ok(CameraConfig { name, source, settings, mask, generate })
+    }
+
+    fn generate(&self, table: GenerateTable, settings: &Settings) -> Result<Generate, ConfigError> {
+        let mut ignored = match table.camera_place {
+            None => IgnoredRegion::default(),
+            Some(place) => {
+                let preset = match place.get_ref().as_str() {
+                    "left" => CameraPlace::Left,
+                    "right" => CameraPlace::Right,
+                    "back" => CameraPlace::Back,
+                    other => {
+                        let allowed = "\"left\", \"right\" or \"back\"";
+                        return Err(self.0.refuse(
+                            place.span(),
+                            "camera_place",
+                            format!("\"{other}\""),
+                            allowed,
+                        ));
+                    }
+                };
+                IgnoredRegion::preset(preset, settings.width, settings.height)
+            }
+        };
+        for text in table.ignore.unwrap_or_default() {
+            let allowed = "x0:x1:y0:y1 in pixels, an empty end for the image border";
+            let found = || format!("\"{}\"", text.get_ref());
+            let rectangle = text.get_ref().parse();
+            ignored
+                .rectangles
+                .push(rectangle.map_err(|_| self.0.refuse(text.span(), "ignore", found(), allowed))?);
+        }
+        ignored.polygons.extend(table.ignore_polygons.unwrap_or_default());
+        Ok(Generate {
+            exposure_us: self.value_or("exposure_us", table.exposure_us, 5000.0, EXPOSURE, |us| {
+                (1.0..=1e7).contains(us)
             })?,
-            source: self.source(table.source)?,
-            settings,
-            mask: if mask == "none" {
-                MaskChoice::None
-            } else {
-                MaskChoice::File(self.resolve(mask.as_ref()))
-            },
+            gain_db: self.value_or("gain_db", table.gain_db, 0.0, GAIN, |db| (-40.0..=80.0).contains(db))?,
+            ignored,
         })
     }
 

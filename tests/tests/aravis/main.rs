@@ -19,6 +19,8 @@ const SETTINGS: Settings = Settings {
     height: 480,
     offset_x: 0,
     offset_y: 0,
+    binning_horizontal: 1,
+    binning_vertical: 1,
     pixel_format: PixelFormat::Mono8,
     fps: 25.0,
     exposure_us: 10_000.0,

@@ -97,6 +97,9 @@ fn triggers_off(features: &Features) -> Result<(), CameraError> {
 
 /// Width, height and place of the image on the sensor.
 struct Region<'a> {
+    /// A device without them does not bin. With them, every other size is in binned pixels.
+    binning_horizontal: Option<Number<'a>>,
+    binning_vertical: Option<Number<'a>>,
     width: Number<'a>,
     height: Number<'a>,
     /// A device without them reads the whole sensor.
@@ -110,6 +113,8 @@ impl<'a> Region<'a> {
             features.number(setting, &[name], 1.0)?.ok_or_else(|| missing(setting, "any value", name))
         };
         Ok(Region {
+            binning_horizontal: features.number("binning_horizontal", &["BinningHorizontal"], 1.0)?,
+            binning_vertical: features.number("binning_vertical", &["BinningVertical"], 1.0)?,
             width: required("width", "Width")?,
             height: required("height", "Height")?,
             offset_x: features.number("offset_x", &["OffsetX"], 1.0)?,
@@ -118,6 +123,21 @@ impl<'a> Region<'a> {
     }
 
     fn write(&self, settings: &Settings) -> Result<(), CameraError> {
+        for (number, setting, asked) in self.binning(settings) {
+            match number {
+                // Many devices lock it where it has one value only.
+                Some(number) if number.read()? == f64::from(asked) => {}
+                Some(number) => number.write_exactly(asked)?,
+                None if asked == 1 => {}
+                None => {
+                    return Err(missing(
+                        setting,
+                        &asked.to_string(),
+                        "BinningHorizontal and BinningVertical",
+                    ));
+                }
+            }
+        }
         let offsets = [
             (&self.offset_x, "offset_x", settings.offset_x),
             (&self.offset_y, "offset_y", settings.offset_y),
@@ -138,7 +158,19 @@ impl<'a> Region<'a> {
         Ok(())
     }
 
+    fn binning(&self, settings: &Settings) -> [(&Option<Number<'a>>, &'static str, u32); 2] {
+        [
+            (&self.binning_horizontal, "binning_horizontal", settings.binning_horizontal),
+            (&self.binning_vertical, "binning_vertical", settings.binning_vertical),
+        ]
+    }
+
     fn verify(&self, settings: &Settings) -> Result<(), CameraError> {
+        for (number, _, asked) in self.binning(settings) {
+            if let Some(number) = number {
+                number.verify_exactly(asked)?;
+            }
+        }
         self.width.verify_exactly(settings.width)?;
         self.height.verify_exactly(settings.height)?;
         for (number, asked) in [(&self.offset_x, settings.offset_x), (&self.offset_y, settings.offset_y)] {

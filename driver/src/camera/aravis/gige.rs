@@ -1,17 +1,24 @@
 //! What GigE Vision needs besides: packets that arrive whole, and frames that do not wait for lost ones.
+//!
+//! The library receives through a packet socket where the program has CAP_NET_RAW, which takes little processor time and holds
+//! 32 MB; otherwise through a plain socket, which holds what the kernel allows.
+
+use std::fs;
 
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
 use aravis::{GvPacketSizeAdjustment, GvStream, GvStreamPacketResend, GvStreamSocketBuffer, Stream};
 use tracing::warn;
 
-/// How long a frame is kept open after its last packet, microseconds. Only the last frame before a pause lives that long: any
-/// other ends with the first packet of the next one.
+/// How long a frame may lack a packet while no other frame begins, microseconds. Long enough for a busy sender: a frame is over
+/// anyway with the first packet of the next one, so no frame waits for it.
 const FRAME_RETENTION_US: u32 = 500_000;
-/// Frames that the socket holds while the receiving thread does not run.
-const SOCKET_FRAMES: usize = 2;
+/// Frames that a plain socket holds while the receiving thread does not run: 130 ms at 60 fps.
+const SOCKET_FRAMES: usize = 8;
 /// The kernel's bound of a socket buffer.
 const RMEM_MAX: &str = "/proc/sys/net/core/rmem_max";
+/// capabilities(7): the number of CAP_NET_RAW.
+const CAP_NET_RAW: u32 = 13;
 
 /// Before the stream is made: the largest packet that passes the network without being split is found by trial, where the
 /// device can send test packets.
@@ -29,11 +36,19 @@ pub(super) fn tune(stream: &Stream, serial: &str, payload_bytes: usize) {
     let wanted = SOCKET_FRAMES * payload_bytes;
     stream.set_socket_buffer_size(i32::try_from(wanted).unwrap_or(i32::MAX));
     // The kernel cuts the size down without saying so.
-    let allowed = std::fs::read_to_string(RMEM_MAX).ok().and_then(|text| text.trim().parse::<usize>().ok());
-    if let Some(allowed) = allowed.filter(|allowed| *allowed < wanted) {
+    let allowed = fs::read_to_string(RMEM_MAX).ok().and_then(|text| text.trim().parse::<usize>().ok());
+    if let Some(allowed) = allowed.filter(|allowed| *allowed < wanted && !has_net_raw()) {
         warn!(
-            "camera {serial}: the socket buffer is limited to {allowed} bytes, {SOCKET_FRAMES} frames need {wanted}; \
-             without CAP_NET_RAW frames can be lost: sysctl -w net.core.rmem_max={wanted}"
+            "camera {serial}: frames can be lost under load: the kernel limits socket buffers to {allowed} bytes, \
+             {SOCKET_FRAMES} frames need {wanted}; give the program CAP_NET_RAW, or sysctl -w net.core.rmem_max={wanted}"
         );
     }
+}
+
+/// Whether the program may open packet sockets (proc_pid_status(5): `CapEff`, a hexadecimal mask).
+fn has_net_raw() -> bool {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let effective = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
+    let mask = effective.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> CAP_NET_RAW & 1 == 1)
 }

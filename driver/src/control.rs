@@ -1,0 +1,102 @@
+//! What the commands and a running driver say to each other: JSON over the control service of a camera.
+
+use serde::{Deserialize, Serialize};
+use uvcam_shm_ipc::control::{ControlServer, Question};
+
+use crate::config::Config;
+use crate::error::{Error, with_causes};
+use crate::exit::Exit;
+use crate::generator::{Report, Wish};
+
+/// What a driver can be asked.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(tag = "ask", rename_all = "snake_case")]
+pub enum Ask {
+    /// Generate this camera's mask.
+    Generate {
+        /// How.
+        wish: Wish,
+        /// Whether to put it in force at once.
+        accept: bool,
+    },
+    /// Read this camera's mask anew.
+    ReloadMask,
+}
+
+/// What it answers. Every question ends with one that is not progress.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(tag = "answer", rename_all = "snake_case")]
+pub enum Reply {
+    /// Frames were taken.
+    Progress {
+        /// How many so far.
+        frames: u32,
+        /// How many at most.
+        most: u32,
+    },
+    /// A mask was generated, or refused.
+    Generated {
+        /// What came of it.
+        report: Box<Report>,
+    },
+    /// It was done.
+    Done,
+    /// It was not done.
+    Failed {
+        /// The exit code of a command that fails so.
+        exit: u8,
+        /// Why.
+        cause: String,
+    },
+}
+
+impl Reply {
+    /// The reply that tells of an error.
+    pub fn failed(error: &Error) -> Self {
+        Reply::Failed { exit: error.exit() as u8, cause: with_causes(error) }
+    }
+
+    /// Sends it to whoever asked. Returns whether somebody waits for more.
+    pub fn send(&self, question: &Question) -> bool {
+        // A value of plain numbers and texts always has a JSON form.
+        question.answer(&serde_json::to_string(self).unwrap_or_default())
+    }
+}
+
+/// Where questions arrive, a place for each camera.
+pub struct Desk {
+    servers: Vec<ControlServer>,
+}
+
+impl Desk {
+    /// Opens the desk for every configured camera.
+    ///
+    /// # Errors
+    /// [`Error::Ipc`] where another driver answers for one of them.
+    pub fn open(config: &Config) -> Result<Self, Error> {
+        let servers =
+            config.cameras.iter().map(|camera| ControlServer::create(&config.ipc.settings, &camera.name));
+        Ok(Desk { servers: servers.collect::<Result<_, _>>()? })
+    }
+
+    /// The questions that have arrived, with the place of their camera in the configuration.
+    pub fn questions(&self) -> Vec<(usize, Question, Ask)> {
+        let mut questions = Vec::new();
+        for (place, server) in self.servers.iter().enumerate() {
+            match server.next() {
+                Ok(Some(question)) => match serde_json::from_str(question.text()) {
+                    Ok(ask) => questions.push((place, question, ask)),
+                    Err(error) => {
+                        let cause = format!(
+                            "the driver does not know the question: {error}; use the same version of uvcam"
+                        );
+                        Reply::Failed { exit: Exit::Usage as u8, cause }.send(&question);
+                    }
+                },
+                Ok(None) => {}
+                Err(error) => tracing::debug!("control: {error}"),
+            }
+        }
+        questions
+    }
+}

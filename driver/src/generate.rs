@@ -1,0 +1,145 @@
+//! Generate-mode: the frame path with another ending. Lit frames go to the mask's generator instead of to consumers.
+//!
+//! A camera's thread walks it between two epochs of its stream. What follows (files, answers) is other threads' work; they get the
+//! [`Order`] back when the camera has its flight settings again.
+
+use std::fmt;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use uvcam_masker::GrayImage;
+use uvcam_shm_ipc::{PixelFormat, Publisher, Slot, monotonic_ns};
+
+use crate::camera::{Applied, Camera, CameraError, Event, Identity, Settings};
+use crate::error::Error;
+use crate::generator::Generator;
+
+/// Longest wait for a frame before the thread looks whether it is to end.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// A camera that delivers nothing for this long, and for three frame periods, has failed.
+const SILENCE_NS: u64 = 2_000_000_000;
+/// The lamp has to move between frames: more of them a second show the same.
+const FPS: f64 = 10.0;
+
+/// Frames to be collected in another light than that of the flight.
+pub struct Order {
+    /// Exposure time in microseconds.
+    pub exposure_us: f64,
+    /// Gain in decibels.
+    pub gain_db: f64,
+    /// What takes the frames.
+    pub generator: Generator,
+    /// Set by whoever ordered, to be done with it early.
+    pub cancelled: std::sync::Arc<AtomicBool>,
+    /// Called with the generator when the camera has its flight settings again, or when it failed.
+    pub done: Box<dyn FnOnce(Generator, Result<Light, Error>) + Send>,
+}
+
+/// Where lit frames came from, and in what light.
+#[derive(Debug, Clone)]
+pub struct Light {
+    /// The camera.
+    pub identity: Identity,
+    /// What it applied, as read back.
+    pub applied: Applied,
+}
+
+impl Light {
+    /// Keywords and texts that tell of it, for the mask's file.
+    pub fn provenance(&self, recipe: String) -> Vec<(&'static str, String)> {
+        let Light { identity, applied } = self;
+        vec![
+            ("Software", concat!("uvcam ", env!("CARGO_PKG_VERSION")).into()),
+            ("Creation Time", jiff::Timestamp::now().to_string()),
+            ("Camera", format!("{} {}", identity.vendor, identity.model)),
+            ("Camera Serial", identity.serial.clone()),
+            ("Size", format!("{}x{}", applied.width, applied.height)),
+            ("Exposure us", applied.exposure_us.to_string()),
+            ("Gain dB", applied.gain_db.to_string()),
+            ("Method", recipe),
+        ]
+    }
+}
+
+impl fmt::Debug for Order {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("Order")
+            .field("exposure_us", &self.exposure_us)
+            .field("gain_db", &self.gain_db)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Order {
+    /// The settings of the flight in the light of this order, at a rate that leaves the exposure room.
+    pub fn settings(&self, flight: &Settings) -> Settings {
+        let fps = flight.fps.min(FPS).min(0.5e6 / self.exposure_us);
+        Settings { exposure_us: self.exposure_us, gain_db: self.gain_db, fps, ..flight.clone() }
+    }
+
+    /// Collects frames until the generator has seen enough, the order is cancelled, or `stop` is set. Returns their light.
+    /// The camera is left stopped, with the order's settings.
+    ///
+    /// # Errors
+    /// [`Error::Camera`] where the camera refuses the settings or fails; [`Error::Loan`] where no slot is free.
+    pub fn collect(
+        &mut self,
+        camera: &mut dyn Camera,
+        flight: &Settings,
+        publisher: &Publisher,
+        slots: usize,
+        stop: &AtomicBool,
+    ) -> Result<Light, Error> {
+        let applied = camera.configure(&self.settings(flight))?;
+        for _ in 0..slots {
+            camera.queue(publisher.loan()?)?;
+        }
+        camera.start()?;
+        let patience_ns = SILENCE_NS.max((3e9 / applied.fps) as u64);
+        let mut last_frame_ns = monotonic_ns();
+        // Relaxed: the flags carry no data, and are seen within one `PATIENCE`.
+        while !stop.load(Ordering::Relaxed) && !self.cancelled.load(Ordering::Relaxed) {
+            match camera.next(PATIENCE)? {
+                Event::Complete(mut capture) => {
+                    last_frame_ns = capture.arrival_monotonic_ns;
+                    let frame = picture(&mut capture.slot, &applied);
+                    camera.queue(capture.slot)?;
+                    if self.generator.add(frame) {
+                        break;
+                    }
+                }
+                Event::Incomplete(slot) => camera.queue(slot)?,
+                Event::Timeout if monotonic_ns().saturating_sub(last_frame_ns) > patience_ns => {
+                    return Err(CameraError::Device {
+                        serial: camera.identity().serial.clone(),
+                        doing: "collecting lit frames",
+                        cause: format!("no frame for {:.1} s", patience_ns as f64 * 1e-9),
+                    }
+                    .into());
+                }
+                Event::Timeout => {}
+            }
+        }
+        camera.stop();
+        Ok(Light { identity: camera.identity().clone(), applied })
+    }
+}
+
+/// The frame in 8 bits, without row padding.
+fn picture(slot: &mut Slot, applied: &Applied) -> GrayImage {
+    let bytes_per_pixel = applied.pixel_format.bytes_per_pixel();
+    let row_bytes = applied.width as usize * bytes_per_pixel;
+    let rows = slot.pixels_mut().chunks(applied.stride as usize).take(applied.height as usize);
+    let rows = rows.filter_map(|row| row.get(..row_bytes));
+    let pixels: Vec<u8> = match applied.pixel_format {
+        PixelFormat::Mono8 => rows.flatten().copied().collect(),
+        wide => {
+            let shift = wide.significant_bits() - 8;
+            let values = rows.flat_map(|row| row.chunks_exact(2));
+            values.map(|pixel| (u16::from_le_bytes([pixel[0], pixel[1]]) >> shift) as u8).collect()
+        }
+    };
+    // A slot holds stride times height bytes, so there are enough pixels.
+    GrayImage::from_raw(applied.width, applied.height, pixels).unwrap_or_default()
+}

@@ -1,0 +1,247 @@
+//! Generate-mode as a field crew uses it, with and without a running driver.
+
+#![allow(clippy::unwrap_used)]
+
+use serde_json::Value;
+use uvcam::camera::simulated::airframe;
+use uvcam_masker::{Mask, file};
+use uvcam_tests::emulated::EmulatedCamera;
+use uvcam_tests::network::in_namespace;
+use uvcam_tests::{Process, Stage, next_frame, simulated, stderr, wait_until};
+
+/// Where the simulated markers are.
+const IGNORE: &str = "[camera.generate]\nignore = [\"::0:240\"]\n";
+
+/// A simulated camera that flies `left.png`.
+fn left() -> String {
+    simulated("left", "left.png", "") + IGNORE
+}
+
+fn json(output: &std::process::Output) -> Value {
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {}", stderr(output)))
+}
+
+/// Every pixel of the simulated airframe is masked, and none far from it.
+fn assert_covers_airframe(mask: &Mask) {
+    let shown = airframe(752, 480);
+    let near = |x: u32, y: u32| {
+        let reach = 36i64;
+        (-reach..=reach).step_by(4).any(|dy| {
+            (-reach..=reach).step_by(4).any(|dx| {
+                let (x, y) = (i64::from(x) + dx, i64::from(y) + dy);
+                u32::try_from(x).is_ok_and(|x| u32::try_from(y).is_ok_and(|y| y < 480 && shown(x, y)))
+            })
+        })
+    };
+    for y in 0..480 {
+        for x in 0..752 {
+            assert!(mask.is_masked(x, y) || !shown(x, y), "airframe at {x},{y} not masked");
+            assert!(!mask.is_masked(x, y) || near(x, y), "masked at {x},{y}, far from the airframe");
+        }
+    }
+}
+
+#[test]
+fn without_a_driver_the_camera_is_opened_and_the_candidate_stored_for_a_look() {
+    let stage = Stage::new(&left());
+    let output = stage.output(&["generate", "left", "--json"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let report = json(&output);
+    assert_eq!((report["verdict"].as_str(), report["in_force"].as_bool()), (Some("ok"), Some(false)));
+    for name in ["left.candidate.png", "left.candidate.input.png", "left.candidate.overlay.png"] {
+        assert!(stage.file(name).exists(), "{name}");
+    }
+    assert!(!stage.file("left.png").exists(), "a candidate is not in force");
+    let mask = Mask::load(&stage.file("left.candidate.png")).unwrap();
+    assert_eq!(report["mask_id"], mask.id().to_string());
+    assert_covers_airframe(&mask);
+
+    // One file tells all.
+    let texts = file::read_texts(&stage.file("left.candidate.png")).unwrap();
+    for (keyword, text) in [("Camera Serial", "left"), ("Exposure us", "5000"), ("Size", "752x480")] {
+        assert!(texts.contains(&(keyword.into(), text.into())), "{texts:?}");
+    }
+
+    assert!(stage.output(&["mask", "accept", "left"]).status.success());
+    assert_eq!(Mask::load(&stage.file("left.png")).unwrap(), mask);
+    assert!(!stage.file("left.candidate.png").exists());
+}
+
+#[test]
+fn a_running_driver_generates_between_two_epochs_and_flies_the_accepted_mask() {
+    let stage = Stage::new(&(left() + &simulated("right", "none", "")));
+    let old = stage.write_mask("left.png", (752, 480), 10);
+    let (mut left, mut right) = (stage.subscriber("left"), stage.subscriber("right"));
+    let driver = stage.driver();
+    next_frame(&mut left);
+
+    let output = Process::start(&mut stage.uvcam(&["generate", "left", "--json"]));
+    let mut seen = Vec::new();
+    wait_until("a second epoch", || {
+        while right.next().unwrap().is_some() {}
+        while let Some(frame) = left.next().unwrap() {
+            seen.push((frame.header().mask_id, frame.header().exposure_us));
+        }
+        left.epochs() == 2
+    });
+    let output = output.finish();
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(seen.iter().all(|seen| *seen == (old.id().0, 1000.0)), "only frames of the flight go out");
+    assert_eq!((right.lost(), right.epochs()), (0, 1), "the sibling");
+
+    assert!(stage.output(&["mask", "accept", "left"]).status.success());
+    let new = Mask::load(&stage.file("left.png")).unwrap();
+    assert_covers_airframe(&new);
+    wait_until("the new mask flies", || next_frame(&mut left).header().mask_id == new.id().0);
+    assert_eq!(left.epochs(), 2, "accepted at a frame boundary");
+    let said = stderr(&driver.stop());
+    assert!(said.contains("left: publishes nothing while lit frames are collected"), "{said}");
+
+    let history = stage.output(&["mask", "history", "left"]);
+    assert!(String::from_utf8_lossy(&history.stdout).contains(&old.id().to_string()), "{history:?}");
+    assert!(stage.output(&["mask", "restore", "left"]).status.success());
+    assert_eq!(Mask::load(&stage.file("left.png")).unwrap(), old);
+}
+
+#[test]
+fn a_camera_without_a_mask_gets_its_first_one_from_the_running_driver() {
+    let stage = Stage::new(&(left() + &simulated("right", "none", "")));
+    let (mut left, mut right) = (stage.subscriber("left"), stage.subscriber("right"));
+    let driver = stage.driver();
+    next_frame(&mut right);
+    let output = stage.output(&["generate", "left", "--accept", "--json"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(json(&output)["in_force"], true);
+    assert_eq!(next_frame(&mut left).header().mask_id, Mask::load(&stage.file("left.png")).unwrap().id().0);
+    assert!(driver.stop().status.success());
+}
+
+#[test]
+fn darkness_is_refused_and_nothing_is_stored() {
+    let stage = Stage::new(&left());
+    let mask = stage.write_mask("left.png", (752, 480), 10);
+    let output = stage.output(&["generate", "left", "--exposure-us", "10", "--accept", "--json"]);
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    assert_eq!(json(&output)["verdict"], "refused");
+    assert!(stderr(&output).contains("raise the exposure"), "{}", stderr(&output));
+    assert_eq!(Mask::load(&stage.file("left.png")).unwrap(), mask);
+    assert!(!stage.file("left.candidate.png").exists());
+}
+
+#[test]
+fn an_exposure_that_the_camera_refuses_leaves_the_flight_as_it_was() {
+    let stage = Stage::new(&left());
+    let mask = stage.write_mask("left.png", (752, 480), 10);
+    let mut left = stage.subscriber("left");
+    let driver = stage.driver();
+    next_frame(&mut left);
+    let output = stage.output(&["generate", "left", "--gain-db", "70"]);
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    assert!(stderr(&output).contains("gain_db = 70 refused"), "{}", stderr(&output));
+    wait_until("it streams again", || left.next().unwrap().is_some() && left.epochs() == 2);
+    let frame = next_frame(&mut left);
+    assert_eq!((frame.header().mask_id, frame.header().exposure_us), (mask.id().0, 1000.0));
+    assert!(driver.stop().status.success());
+}
+
+#[test]
+fn an_order_whose_command_was_killed_stores_nothing_and_the_flight_goes_on() {
+    let stage = Stage::new(&left());
+    stage.write_mask("left.png", (752, 480), 10);
+    let mut left = stage.subscriber("left");
+    let driver = stage.driver();
+    next_frame(&mut left);
+    Process::start(&mut stage.uvcam(&["generate", "left", "--accept"])).kill();
+    let frames = left.frames();
+    wait_until("it streams", || {
+        while left.next().unwrap().is_some() {}
+        left.frames() >= frames + 60
+    });
+    assert!(driver.stop().status.success());
+    Mask::load(&stage.file("left.png")).expect("a whole mask is in force");
+}
+
+#[test]
+fn a_driver_killed_while_it_generates_flies_the_flight_settings_at_its_next_start() {
+    let stage = Stage::new(&left());
+    let mask = stage.write_mask("left.png", (752, 480), 10);
+    let mut left = stage.subscriber("left");
+    for kill_after in 0..8 {
+        let driver = stage.driver();
+        let epochs = left.epochs();
+        wait_until("it streams", || left.next().unwrap().is_some() && left.epochs() > epochs);
+        let generate = Process::start(&mut stage.uvcam(&["generate", "left"]));
+        // Some frames later the driver is somewhere else in the flow each time.
+        for _ in 0..kill_after {
+            left.wait(std::time::Duration::from_millis(40)).unwrap();
+            while left.next().unwrap().is_some() {}
+        }
+        driver.kill();
+        drop(generate);
+        assert_eq!(Mask::load(&stage.file("left.png")).unwrap(), mask, "the mask in force");
+        if stage.file("left.candidate.png").exists() {
+            Mask::load(&stage.file("left.candidate.png")).expect("a candidate is whole");
+        }
+    }
+    let _driver = stage.driver();
+    let epochs = left.epochs();
+    wait_until("it streams", || left.next().unwrap().is_some() && left.epochs() > epochs);
+    assert_eq!(next_frame(&mut left).header().exposure_us, 1000.0);
+}
+
+#[test]
+fn a_folder_that_takes_no_files_is_named_and_the_flight_goes_on() {
+    let stage = Stage::new(&(simulated("left", "/proc/left.png", "") + &simulated("right", "none", "")));
+    let mut right = stage.subscriber("right");
+    let driver = stage.driver();
+    next_frame(&mut right);
+    let output = stage.output(&["generate", "left"]);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert!(stderr(&output).contains("/proc/left.candidate"), "{}", stderr(&output));
+    next_frame(&mut right);
+    assert_eq!(driver.stop().status.code(), Some(3), "left was never masked");
+}
+
+#[test]
+fn masks_are_made_from_files() {
+    let stage = Stage::new("");
+    let mut frame = image::GrayImage::new(200, 150);
+    for (x, y) in (80..110).flat_map(|x| (60..140).map(move |y| (x, y))) {
+        frame.put_pixel(x, y, image::Luma([200]));
+    }
+    frame.save(stage.file("frame.png")).unwrap();
+    let [from, out] = ["frame.png", "mask.png"].map(|name| stage.file(name).to_string_lossy().into_owned());
+    let output = stage.output(&["generate", "--from", &from, "--ignore", "::0:100", "--out", &out, "--json"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let mask = Mask::load(&stage.file("mask.png")).unwrap();
+    assert!(mask.is_masked(95, 120) && !mask.is_masked(95, 65) && !mask.is_masked(10, 120));
+    assert_eq!(json(&output)["parts"][0]["area_px"], mask.masked_px());
+
+    let output = stage.output(&["mask", "metrics", &out, &out, "--json"]);
+    assert_eq!(json(&output)["over_all_parts"]["parts"], 2);
+    assert_eq!(json(&output)["over_all_parts"]["area_px"]["standard_deviation"], 0.0);
+}
+
+#[test]
+fn a_gige_vision_camera_generates_its_mask() {
+    in_namespace("a_gige_vision_camera_generates_its_mask", || {
+        let _device = EmulatedCamera::start("GV01", 0);
+        let stage = Stage::new(
+            "[[camera]]\nname = \"left\"\nsource = { kind = \"aravis\", serial = \"127.0.0.1\" }\n\
+             width = 640\nheight = 480\nfps = 25\nexposure_us = 10000\nmask = \"left.png\"\n\
+             [camera.generate]\nexposure_us = 20000\nignore = [\"::0:240\"]\n",
+        );
+        let old = stage.write_mask("left.png", (640, 480), 10);
+        let mut left = stage.subscriber("left");
+        let driver = stage.driver();
+        next_frame(&mut left);
+        let output = stage.output(&["generate", "left", "--json"]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        wait_until("it streams again", || left.next().unwrap().is_some() && left.epochs() == 2);
+        let frame = next_frame(&mut left);
+        assert_eq!((frame.header().mask_id, frame.header().exposure_us), (old.id().0, 10_000.0));
+        let texts = file::read_texts(&stage.file("left.candidate.png")).unwrap();
+        assert!(texts.contains(&("Exposure us".into(), "20000".into())), "{texts:?}");
+        assert!(driver.stop().status.success());
+    });
+}
