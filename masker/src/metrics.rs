@@ -176,7 +176,9 @@ mod tests {
 
     #[test]
     fn a_pixel_passed_twice_does_not_end_the_walk() {
-        assert_eq!(perimeters(&["#.#", ".#.", ".#."]), [2.0 * (2.0 * SQRT_2 + 1.0)]);
+        let perimeter = perimeters(&["#.#", ".#.", ".#."])[0];
+        // The steps are summed in another order here.
+        assert!((perimeter - 2.0 * (2.0 * SQRT_2 + 1.0)).abs() < 1e-9, "{perimeter}");
     }
 
     #[test]

@@ -1,23 +1,25 @@
-//! Growth of a shape by a disc.
+//! Growth of a shape by the thickness of its drawn contours (equation 10).
 
 use super::LIT;
 use crate::image::GrayImage;
 
-/// Larger discs cover no more of any image: distances along a column are kept in 16 bits.
-const LARGEST_DIAMETER: u32 = 2 * (u16::MAX as u32 - 1);
+/// Larger pens cover no more of any image: distances along a column are kept in 16 bits.
+const LARGEST_RADIUS: u32 = u16::MAX as u32 - 1;
 
-/// Grows the [`LIT`] pixels of `image` by a disc of `diameter` pixels: a pixel becomes lit where the centre of a lit
-/// one lies within half the diameter. Drawing the contours of the shape with that thickness covers the same pixels.
+/// Grows the [`LIT`] pixels of `image` as if its contours were drawn with a round pen `thickness` pixels wide.
 ///
-/// Exact and linear in the number of pixels, whatever the diameter. The disc's chord through a pixel shrinks with the
-/// vertical distance of the nearest lit pixel of its column, so one pass finds these distances and another unites the
-/// chords of each row.
-pub(super) fn grow(image: &mut GrayImage, diameter: u32) {
+/// The pen covers whole pixels around the contour's, as OpenCV's `drawContours` does: it reaches half the thickness,
+/// rounded up, in each direction, and none at a thickness of 1.
+///
+/// Exact and linear in the number of pixels, whatever the thickness. The pen's chord through a pixel depends on the
+/// vertical distance of the nearest lit pixel of its column alone, so one pass finds these distances and another
+/// unites the chords of each row.
+pub(super) fn grow(image: &mut GrayImage, thickness: u32) {
     let columns = image.width() as usize;
-    if columns == 0 {
+    if columns == 0 || thickness <= 1 {
         return;
     }
-    let half_chords = half_chords(diameter.min(LARGEST_DIAMETER));
+    let half_chords = half_chords(thickness.div_ceil(2).min(LARGEST_RADIUS));
     let distances = column_distances(image, half_chords.len() as u16);
     // At a column: chords that begin there minus chords that ended before it.
     let mut changes = vec![0_i32; columns + 1];
@@ -44,14 +46,15 @@ pub(super) fn grow(image: &mut GrayImage, diameter: u32) {
     }
 }
 
-/// Half the chord of the disc, in whole pixels, at each whole distance from its centre.
-fn half_chords(diameter: u32) -> Vec<usize> {
-    let squared = |value: u64| 4 * value * value;
-    let limit = u64::from(diameter) * u64::from(diameter);
-    (0..)
-        .map_while(|distance| limit.checked_sub(squared(distance)))
-        .map(|rest| (rest / 4).isqrt() as usize)
-        .collect()
+/// Half the chord of the pen, in whole pixels, at each whole distance from its centre up to `radius`.
+fn half_chords(radius: u32) -> Vec<usize> {
+    let radius = u64::from(radius);
+    let chord = |distance: u64| (radius * radius - distance * distance).isqrt() as usize;
+    let mut half_chords: Vec<usize> = (0..=radius).map(chord).collect();
+    // A bar along a diagonal has its edge on the whole pixel nearest to the radius in both directions.
+    let diagonal = (radius as f64 * std::f64::consts::FRAC_1_SQRT_2).round() as usize;
+    half_chords[diagonal] = half_chords[diagonal].max(diagonal);
+    half_chords
 }
 
 /// Distance of each pixel to the nearest lit one of its column, in row order, at most `limit`.
@@ -59,27 +62,19 @@ fn column_distances(image: &GrayImage, limit: u16) -> Vec<u16> {
     let columns = image.width() as usize;
     let to_lit = |pixel: &u8| if *pixel == LIT { 0 } else { limit };
     let mut distances: Vec<u16> = image.as_raw().iter().map(to_lit).collect();
-    let mut rows = distances.chunks_exact_mut(columns);
-    if let Some(mut above) = rows.next() {
-        for row in rows {
-            approach(row, above);
-            above = row;
-        }
-    }
-    let mut rows = distances.chunks_exact_mut(columns).rev();
-    if let Some(mut below) = rows.next() {
-        for row in rows {
-            approach(row, below);
-            below = row;
-        }
-    }
+    approach(distances.chunks_exact_mut(columns));
+    approach(distances.chunks_exact_mut(columns).rev());
     distances
 }
 
-/// Lowers the distances of a row to one more than those of its neighbour.
-fn approach(row: &mut [u16], neighbour: &[u16]) {
-    for (distance, next) in row.iter_mut().zip(neighbour) {
-        *distance = (*distance).min(next.saturating_add(1));
+/// Lowers the distances of each row to one more than those of the row before.
+fn approach<'a>(rows: impl Iterator<Item = &'a mut [u16]>) {
+    let mut before: Option<&mut [u16]> = None;
+    for row in rows {
+        for (distance, before) in row.iter_mut().zip(before.into_iter().flatten()) {
+            *distance = (*distance).min(before.saturating_add(1));
+        }
+        before = Some(row);
     }
 }
 
@@ -89,10 +84,21 @@ mod tests {
     use ::image::Luma;
     use proptest::prelude::*;
 
+    #[test]
+    fn thin_pens_cover_whole_pixels() {
+        let grown = |thickness| {
+            let mut image = GrayImage::new(5, 1);
+            image.put_pixel(2, 0, Luma([LIT]));
+            grow(&mut image, thickness);
+            image.as_raw().iter().filter(|value| **value == LIT).count()
+        };
+        assert_eq!([0, 1, 2, 3, 4].map(grown), [1, 1, 3, 5, 5]);
+    }
+
     proptest! {
         #[test]
-        fn reaches_exactly_half_the_diameter(
-            width in 1_u32..40, height in 1_u32..40, diameter in 0_u32..60,
+        fn reaches_half_the_thickness(
+            width in 1_u32..40, height in 1_u32..40, radius in 1_u32..30,
             lit in proptest::collection::vec((0_u32..40, 0_u32..40), 0..6),
         ) {
             let lit: Vec<_> = lit.into_iter().filter(|(x, y)| *x < width && *y < height).collect();
@@ -100,18 +106,19 @@ mod tests {
             for (x, y) in &lit {
                 image.put_pixel(*x, *y, Luma([LIT]));
             }
-            grow(&mut image, diameter);
+            grow(&mut image, 2 * radius);
             for (x, y, Luma([value])) in image.enumerate_pixels() {
-                let is_near = lit.iter().any(|(lit_x, lit_y)| {
-                    4 * (x.abs_diff(*lit_x).pow(2) + y.abs_diff(*lit_y).pow(2)) <= diameter * diameter
-                });
-                prop_assert_eq!(*value == LIT, is_near, "at {}, {}", x, y);
+                let squared = |(lit_x, lit_y): &(u32, u32)| x.abs_diff(*lit_x).pow(2) + y.abs_diff(*lit_y).pow(2);
+                let nearest = lit.iter().map(squared).min().map_or(f64::INFINITY, |d| f64::from(d).sqrt());
+                // The diagonal alone reaches up to 0.71 px farther.
+                prop_assert!(*value == LIT || nearest > f64::from(radius), "at {}, {}", x, y);
+                prop_assert!(*value != LIT || nearest < f64::from(radius) + 0.71, "at {}, {}", x, y);
             }
         }
     }
 
     #[test]
-    fn bears_any_diameter_and_size() {
+    fn bears_any_thickness_and_size() {
         for (width, height) in [(0, 0), (0, 5), (5, 0), (1, 1), (7, 3)] {
             let mut image = GrayImage::from_pixel(width, height, Luma([LIT]));
             grow(&mut image, u32::MAX);

@@ -11,10 +11,14 @@ use super::{GenerateError, ParameterError, Parameters};
 /// Bucket sizes of the k-d tree that [`Parameters::leaf`] may name.
 pub const LEAF_SIZES: [u32; 4] = [5, 10, 20, 40];
 
+/// Shift of the query point to the left and up, in pixels: too small to exchange neighbours whose distances differ.
+const TIE_BREAK: (f64, f64) = (1.0 / (1_u64 << 20) as f64, 1.0 / (1_u64 << 32) as f64);
+
 /// Calls `visit` with the neighbours of each of the `queried` points: those among the k nearest `points`, itself
 /// included, that are nearer than tau, in the order of their distance.
 ///
-/// Points are pixels as (x, y). The method leaves open which of several equally distant points come first.
+/// Points are pixels as (x, y). The method leaves open which of several equally distant points come first; here it is
+/// those further left, then those further up, so that the same frame always gives the same mask.
 pub(super) fn for_each_neighbourhood(
     points: &[(u32, u32)],
     queried: &[(u32, u32)],
@@ -37,30 +41,25 @@ fn search<const LEAF: usize>(
     parameters: &Parameters,
     mut visit: impl FnMut(&[(u32, u32)]),
 ) -> Result<(), GenerateError> {
-    let Some(k) = NonZero::new(parameters.k as usize) else {
-        return Err(ParameterError::K { k: parameters.k }.into());
-    };
-    let coordinates: Vec<[f32; 2]> = points.iter().map(to_coordinates).collect();
-    // Of the tree types this one searches pixels fastest, and it alone bears any number of them in one row.
-    type Tree<const LEAF: usize> = KdTree<f32, u32, Eytzinger, VecOfArenas<f32, u32, 2, LEAF>, 2, LEAF>;
+    let k = NonZero::new(parameters.k as usize).ok_or(ParameterError::K { k: parameters.k })?;
+    let coordinates: Vec<[f64; 2]> = points.iter().map(|(x, y)| [f64::from(*x), f64::from(*y)]).collect();
+    // Of the tree types this one searches pixels fastest, and it bears any number of them in one row.
+    type Tree<const LEAF: usize> = KdTree<f64, u32, Eytzinger, VecOfArenas<f64, u32, 2, LEAF>, 2, LEAF>;
     let tree = Tree::<LEAF>::new_from_slice(&coordinates).map_err(GenerateError::Tree)?;
-    let tau_squared = (parameters.tau * parameters.tau) as f32;
+    let tau_squared = parameters.tau * parameters.tau;
     let mut neighbours = Vec::with_capacity(k.get().min(points.len()));
-    for point in queried {
-        let found = tree
-            .query(&to_coordinates(point))
-            .nearest_n::<SquaredEuclidean<f32>>(k)
-            .within(tau_squared)
-            .exclusive_boundaries()
-            .execute();
+    for queried in queried {
+        let shifted = [f64::from(queried.0) - TIE_BREAK.0, f64::from(queried.1) - TIE_BREAK.1];
+        let nearest = tree.query(&shifted).nearest_n::<SquaredEuclidean<f64>>(k).execute();
+        let nearest = nearest.iter().filter_map(|neighbour| points.get(neighbour.item as usize));
         neighbours.clear();
-        neighbours.extend(found.iter().map(|neighbour| points[neighbour.item as usize]));
+        neighbours.extend(nearest.filter(|point| squared_distance(point, queried) < tau_squared));
         visit(&neighbours);
     }
     Ok(())
 }
 
-/// Exact up to 2^24 pixels in each direction.
-fn to_coordinates(&(x, y): &(u32, u32)) -> [f32; 2] {
-    [x as f32, y as f32]
+fn squared_distance(a: &(u32, u32), b: &(u32, u32)) -> f64 {
+    let (dx, dy) = (f64::from(a.0.abs_diff(b.0)), f64::from(a.1.abs_diff(b.1)));
+    dx * dx + dy * dy
 }
