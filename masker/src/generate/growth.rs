@@ -20,20 +20,23 @@ pub(super) fn grow(image: &mut GrayImage, thickness: u32) {
         return;
     }
     let half_chords = half_chords(thickness.div_ceil(2).min(LARGEST_RADIUS));
-    let distances = column_distances(image, half_chords.len() as u16);
+    // What is farther than the radius from the first and the last lit pixel stays as it is.
+    let mut rows = image.chunks_exact(columns);
+    let Some(first) = rows.position(|row| row.contains(&LIT)) else { return };
+    let last = first + rows.rposition(|row| row.contains(&LIT)).map_or(0, |row| row + 1);
+    let top = first.saturating_sub(half_chords.len());
+    let bottom = (last + half_chords.len()).min(image.height() as usize);
+    let pixels = &mut image.as_mut()[top * columns..bottom * columns];
+
+    let distances = column_distances(pixels, columns, half_chords.len() as u16);
     // At a column: chords that begin there minus chords that ended before it.
     let mut changes = vec![0_i32; columns + 1];
-    for (row, distances) in image.as_mut().chunks_exact_mut(columns).zip(distances.chunks_exact(columns)) {
-        let mut is_empty = true;
+    for (row, distances) in pixels.chunks_exact_mut(columns).zip(distances.chunks_exact(columns)) {
         for (x, distance) in distances.iter().enumerate() {
             if let Some(half_chord) = half_chords.get(usize::from(*distance)) {
                 changes[x.saturating_sub(*half_chord)] += 1;
                 changes[(x + half_chord + 1).min(columns)] -= 1;
-                is_empty = false;
             }
-        }
-        if is_empty {
-            continue;
         }
         let mut chords = 0;
         for (pixel, change) in row.iter_mut().zip(&mut changes) {
@@ -58,10 +61,8 @@ fn half_chords(radius: u32) -> Vec<usize> {
 }
 
 /// Distance of each pixel to the nearest lit one of its column, in row order, at most `limit`.
-fn column_distances(image: &GrayImage, limit: u16) -> Vec<u16> {
-    let columns = image.width() as usize;
-    let to_lit = |pixel: &u8| if *pixel == LIT { 0 } else { limit };
-    let mut distances: Vec<u16> = image.as_raw().iter().map(to_lit).collect();
+fn column_distances(pixels: &[u8], columns: usize, limit: u16) -> Vec<u16> {
+    let mut distances: Vec<u16> = pixels.iter().map(|value| if *value == LIT { 0 } else { limit }).collect();
     approach(distances.chunks_exact_mut(columns));
     approach(distances.chunks_exact_mut(columns).rev());
     distances
@@ -71,8 +72,10 @@ fn column_distances(image: &GrayImage, limit: u16) -> Vec<u16> {
 fn approach<'a>(rows: impl Iterator<Item = &'a mut [u16]>) {
     let mut before: Option<&mut [u16]> = None;
     for row in rows {
-        for (distance, before) in row.iter_mut().zip(before.into_iter().flatten()) {
-            *distance = (*distance).min(before.saturating_add(1));
+        if let Some(before) = before {
+            for (distance, before) in row.iter_mut().zip(before) {
+                *distance = (*distance).min(before.saturating_add(1));
+            }
         }
         before = Some(row);
     }

@@ -2,7 +2,6 @@
 
 use std::str::FromStr;
 
-use ::image::Luma;
 use thiserror::Error;
 
 use super::LIT;
@@ -102,12 +101,11 @@ impl IgnoredRegion {
     pub(super) fn considered(&self, width: u32, height: u32) -> GrayImage {
         let mut ignored = GrayImage::new(width, height);
         for rectangle in &self.rectangles {
-            let rows = rectangle.y0.min(height)..rectangle.y1.unwrap_or(height).min(height);
-            let columns = rectangle.x0.min(width)..rectangle.x1.unwrap_or(width).min(width);
-            for y in rows {
-                for x in columns.clone() {
-                    ignored.put_pixel(x, y, Luma([LIT]));
-                }
+            let rows = rectangle.y0 as usize..rectangle.y1.unwrap_or(height) as usize;
+            let (left, right) = (rectangle.x0.min(width), rectangle.x1.unwrap_or(width).min(width));
+            let image = ignored.chunks_exact_mut(width.max(1) as usize);
+            for row in image.take(rows.end).skip(rows.start) {
+                row[left as usize..right.max(left) as usize].fill(LIT);
             }
         }
         if let (Some(right), Some(bottom)) = (width.checked_sub(1), height.checked_sub(1)) {
@@ -118,7 +116,7 @@ impl IgnoredRegion {
                 filler.fill(&mut ignored, &clamped);
             }
         }
-        ignored.pixels_mut().for_each(|Luma([value])| *value = !*value);
+        ignored.iter_mut().for_each(|value| *value = !*value);
         ignored
     }
 }
@@ -126,6 +124,7 @@ impl IgnoredRegion {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ::image::Luma;
 
     fn considered(region: &IgnoredRegion) -> Vec<String> {
         let image = region.considered(6, 4);

@@ -1,15 +1,13 @@
 //! Filled polygons on the pixel grid.
 
-use ::image::Luma;
-
 use super::LIT;
 use crate::image::GrayImage;
 
 /// Fills polygons one by one into an image, all with the value [`LIT`].
 ///
 /// A polygon covers the pixels on its edges, and those inside by the even-odd rule: a self-intersecting polygon leaves
-/// out what it winds around twice, as OpenCV's `fillPoly` does. What an earlier polygon covers stays covered, so
-/// overlapping polygons unite.
+/// out what it winds around twice. OpenCV's `fillPoly` covers the same pixels. What an earlier polygon covers stays
+/// covered, so overlapping polygons unite.
 #[derive(Debug, Default)]
 pub(super) struct PolygonFiller {
     /// Pixels of the bounding box in row order; an odd count of `true` up to a pixel means inside.
@@ -19,22 +17,7 @@ pub(super) struct PolygonFiller {
 impl PolygonFiller {
     /// Fills the closed polygon through `vertices`, pixels as (x, y), all within `image`.
     pub(super) fn fill(&mut self, image: &mut GrayImage, vertices: &[(u32, u32)]) {
-        let edges = || {
-            let next = vertices.iter().cycle().skip(1);
-            vertices.iter().zip(next).map(|(a, b)| (as_signed(*a), as_signed(*b)))
-        };
-        self.fill_inside(image, vertices, edges());
-        for (a, b) in edges() {
-            draw_line(image, a, b);
-        }
-    }
-
-    fn fill_inside(
-        &mut self,
-        image: &mut GrayImage,
-        vertices: &[(u32, u32)],
-        edges: impl Iterator<Item = ((i64, i64), (i64, i64))>,
-    ) {
+        let edges = || vertices.iter().zip(vertices.iter().cycle().skip(1));
         let xs = || vertices.iter().map(|vertex| vertex.0);
         let ys = || vertices.iter().map(|vertex| vertex.1);
         let (Some(left), Some(right), Some(top), Some(bottom)) =
@@ -45,23 +28,41 @@ impl PolygonFiller {
         let columns = (right - left + 1) as usize;
         self.crossings.clear();
         self.crossings.resize(columns * (bottom - top + 1) as usize, false);
-        for (a, b) in edges {
-            let ((x0, y0), (x1, y1)) = if a.1 <= b.1 { (a, b) } else { (b, a) };
-            // Half-open in y, so that a vertex between two edges counts once.
-            for y in y0..y1 {
-                // The first column at or right of the edge.
-                let x = x0 + div_ceil((x1 - x0) * (y - y0), y1 - y0);
-                let index = (y - i64::from(top)) as usize * columns + (x - i64::from(left)) as usize;
-                self.crossings[index] ^= true;
-            }
+        for (a, b) in edges() {
+            self.cross((a.0 - left, a.1 - top), (b.0 - left, b.1 - top), columns);
         }
-        for (y, row) in (top..).zip(self.crossings.chunks_exact(columns)) {
+        let stride = image.width() as usize;
+        let rows = image.chunks_exact_mut(stride).skip(top as usize);
+        for (row, crossings) in rows.zip(self.crossings.chunks_exact(columns)) {
             let mut inside = false;
-            for (x, crossed) in (left..).zip(row) {
+            for (pixel, crossed) in row[left as usize..].iter_mut().zip(crossings) {
                 inside ^= crossed;
                 if inside {
-                    image.put_pixel(x, y, Luma([LIT]));
+                    *pixel = LIT;
                 }
+            }
+        }
+        for (a, b) in edges() {
+            draw_line(image, *a, *b);
+        }
+    }
+
+    /// Marks in each row the first pixel at or right of the edge from `a` to `b`, (x, y) in the bounding box.
+    fn cross(&mut self, a: (u32, u32), b: (u32, u32), columns: usize) {
+        let (upper, lower) = if a.1 <= b.1 { (a, b) } else { (b, a) };
+        let rows = i64::from(lower.1 - upper.1);
+        let slope = i64::from(lower.0) - i64::from(upper.0);
+        // The edge is `remainder` / `rows` of a pixel left of column x.
+        let (mut x, mut remainder) = (i64::from(upper.0), 0);
+        // Half-open in y, so that a vertex between two edges counts once.
+        for y in upper.1..lower.1 {
+            self.crossings[y as usize * columns + x as usize] ^= true;
+            remainder -= slope;
+            while remainder < 0 {
+                (x, remainder) = (x + 1, remainder + rows);
+            }
+            while remainder >= rows {
+                (x, remainder) = (x - 1, remainder - rows);
             }
         }
     }
@@ -69,30 +70,34 @@ impl PolygonFiller {
 
 /// Draws a straight line of 8-connected pixels between `a` and `b` (x, y), both included.
 ///
-/// Where the line passes midway between two pixels, the one nearer to its left end in the direction of the minor axis
-/// is drawn.
-fn draw_line(image: &mut GrayImage, a: (i64, i64), b: (i64, i64)) {
+/// Where the line passes midway between two pixels, the one nearer to the row or column of its left end is drawn.
+fn draw_line(image: &mut GrayImage, a: (u32, u32), b: (u32, u32)) {
     let (left, right) = if a.0 <= b.0 { (a, b) } else { (b, a) };
-    let (dx, dy) = (right.0 - left.0, right.1 - left.1);
-    let steps = dx.max(dy.abs()).max(1);
-    for step in 0..=steps {
-        let along = |length: i64| div_ceil(2 * length.abs() * step - steps, 2 * steps) * length.signum();
-        image.put_pixel((left.0 + along(dx)) as u32, (left.1 + along(dy)) as u32, Luma([LIT]));
+    let (dx, dy) = (right.0 - left.0, right.1.abs_diff(left.1));
+    let stride = image.width() as usize;
+    let down = |index: usize| if right.1 < left.1 { index - stride } else { index + stride };
+    let (long, short) = (i64::from(dx.max(dy)), i64::from(dx.min(dy)));
+    let pixels: &mut [u8] = image;
+    let mut index = left.1 as usize * stride + left.0 as usize;
+    let mut deviation = long - 2 * short;
+    pixels[index] = LIT;
+    for _ in 0..long {
+        let is_diagonal = deviation < 0;
+        deviation += 2 * if is_diagonal { long - short } else { -short };
+        if is_diagonal || dx >= dy {
+            index += 1;
+        }
+        if is_diagonal || dx < dy {
+            index = down(index);
+        }
+        pixels[index] = LIT;
     }
-}
-
-fn as_signed((x, y): (u32, u32)) -> (i64, i64) {
-    (i64::from(x), i64::from(y))
-}
-
-/// Quotient rounded up; `divisor` is positive.
-fn div_ceil(dividend: i64, divisor: i64) -> i64 {
-    -(-dividend).div_euclid(divisor)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ::image::Luma;
     use proptest::prelude::*;
 
     fn filled(width: u32, height: u32, vertices: &[(u32, u32)]) -> GrayImage {
