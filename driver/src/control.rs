@@ -23,17 +23,10 @@ pub enum Ask {
     ReloadMask,
 }
 
-/// What it answers. Every question ends with one that is not progress.
+/// What it answers.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(tag = "answer", rename_all = "snake_case")]
 pub enum Reply {
-    /// Frames were taken.
-    Progress {
-        /// How many so far.
-        frames: u32,
-        /// How many at most.
-        most: u32,
-    },
     /// A mask was generated, or refused.
     Generated {
         /// What came of it.
@@ -56,10 +49,10 @@ impl Reply {
         Reply::Failed { exit: error.exit() as u8, cause: with_causes(error) }
     }
 
-    /// Sends it to whoever asked. Returns whether somebody waits for more.
-    pub fn send(&self, question: &Question) -> bool {
+    /// Sends it to whoever asked, where somebody still waits.
+    pub fn send(&self, question: &Question) {
         // A value of plain numbers and texts always has a JSON form.
-        question.answer(&serde_json::to_string(self).unwrap_or_default())
+        question.answer(&serde_json::to_string(self).unwrap_or_default());
     }
 }
 

@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde::{Deserialize, Serialize};
 use uvcam_masker::generate::{self, IgnoredRegion, Outcome, Parameters};
 use uvcam_masker::{GrayImage, Mask, metrics};
@@ -14,12 +14,21 @@ use crate::error::Error;
 use crate::mask;
 use crate::mask_store::{Candidate, MaskStore};
 
+/// How a mask is computed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// The published method, from one frame
+    #[default]
+    Paper,
+}
+
 /// What whoever asks for a mask may choose.
 #[derive(Debug, Clone, Default, Args, Serialize, Deserialize)]
 pub struct Wish {
-    /// Lit frames at most; fewer where the mask has stopped changing
-    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    pub frames: u32,
+    /// How the mask is computed
+    #[arg(long, value_enum, default_value_t)]
+    pub method: Method,
     /// Exposure time of lit frames, microseconds
     #[arg(long, value_name = "E")]
     pub exposure_us: Option<f64>,

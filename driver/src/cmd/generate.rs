@@ -1,6 +1,5 @@
 //! `uvcam generate`: a mask from pictures, from a camera, or from a camera of the running driver.
 
-use std::io::{IsTerminal, Write};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -85,22 +84,18 @@ fn ask_driver(
     let ask = Ask::Generate { wish: arguments.wish.clone(), accept: arguments.accept };
     // A value of plain numbers and texts always has a JSON form.
     let answers = driver.ask(&serde_json::to_string(&ask).unwrap_or_default())?;
-    let mut last_answer = Instant::now();
+    let asked = Instant::now();
     while !stop.load(Ordering::Relaxed) {
         match answers.next(GLANCE) {
-            Answer::Text(text) => {
-                last_answer = Instant::now();
-                match serde_json::from_str(&text) {
-                    Ok(Reply::Progress { frames, most }) => progress(&camera.name, frames, most),
-                    Ok(Reply::Generated { report }) => return Ok(*report),
-                    Ok(Reply::Failed { exit, cause }) => return Err(Error::Driver { exit, cause }),
-                    Ok(Reply::Done) | Err(_) => {
-                        let cause = "it answers in another version; use the same version of uvcam".into();
-                        return Err(Error::Driver { exit: Exit::Usage as u8, cause });
-                    }
+            Answer::Text(text) => match serde_json::from_str(&text) {
+                Ok(Reply::Generated { report }) => return Ok(*report),
+                Ok(Reply::Failed { exit, cause }) => return Err(Error::Driver { exit, cause }),
+                Ok(Reply::Done) | Err(_) => {
+                    let cause = "it answers in another version; use the same version of uvcam".into();
+                    return Err(Error::Driver { exit: Exit::Usage as u8, cause });
                 }
-            }
-            Answer::Timeout if last_answer.elapsed() < PATIENCE => {}
+            },
+            Answer::Timeout if asked.elapsed() < PATIENCE => {}
             Answer::Timeout | Answer::Over => {
                 let cause =
                     "it ended before it answered; the mask in force is unchanged unless it says otherwise"
@@ -122,8 +117,7 @@ fn alone(
     store_of(camera)?;
     let (done, result) = channel();
     let wish = arguments.wish.clone();
-    let mut ignored = camera.generate.ignored.clone();
-    ignored.rectangles.extend(&arguments.ignore);
+    let ignored = camera.generate.ignored.clone();
     let order = Order {
         exposure_us: wish.exposure_us.unwrap_or(camera.generate.exposure_us),
         gain_db: wish.gain_db.unwrap_or(camera.generate.gain_db),
@@ -140,19 +134,6 @@ fn alone(
         return Err(Error::Usage("stopped; nothing was stored".into()));
     }
     generator.finish()?.store(camera, &provenance, arguments.accept)
-}
-
-fn progress(camera: &str, frames: u32, most: u32) {
-    let mut stderr = std::io::stderr();
-    if stderr.is_terminal() {
-        let filled = (20 * frames / most.max(1)).min(20) as usize;
-        // A progress bar that cannot be written is no reason to stop.
-        let _ = write!(
-            stderr,
-            "\r\x1b[K{camera}: [{:<20}] {frames} of at most {most} frames\r",
-            "#".repeat(filled)
-        );
-    }
 }
 
 fn show(reports: &[(&str, Report)], json: bool) -> Result<Exit, Error> {
