@@ -84,8 +84,8 @@ pub struct Position {
 }
 
 impl FramePath<'_> {
-    /// Walks until `stop` is set, the camera fails, or an order for lit frames comes, which is returned. `streaming` is called after
-    /// the first frame is out.
+    /// Walks until `stop` is set, the camera fails, or an order for lit frames comes, which is returned. `streaming` is called when
+    /// the first frame is about to go out.
     ///
     /// # Errors
     /// What ended the epoch. The camera is to be dropped.
@@ -106,10 +106,11 @@ impl FramePath<'_> {
                 Event::Complete(capture) => {
                     last_sign_of_life_ns = capture.arrival_monotonic_ns;
                     self.position.queued -= 1;
-                    self.publish(capture)?;
+                    // Said first: who has seen a frame may rely on the driver's state.
                     if let Some(streaming) = streaming.take() {
                         streaming();
                     }
+                    self.publish(capture)?;
                 }
                 Event::Incomplete(slot) => {
                     last_sign_of_life_ns = monotonic_ns();
