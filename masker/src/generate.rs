@@ -1,26 +1,41 @@
 //! Makes a mask from frames in which a lamp lights the airframe.
 //!
-//! The method is that of "Towards Scalable and Fast UAV Deployment", section 3.2: bright pixels outside the ignored region are
-//! candidates; each is connected with its nearest neighbours by a filled polygon; the union grows by half the contour's thickness.
+//! Bright pixels outside the [`IgnoredRegion`] are the airframe; grown by a margin, they become the mask. Two methods
+//! find them: [`paper`] is that of "Towards Scalable and Fast UAV Deployment", section 3.2, on one frame; an
+//! [`Accumulator`] takes several frames while the lamp moves. Either ends in an [`Outcome`]: a mask, and a [`Verdict`]
+//! that says what is wrong with the frames and what to change.
 
+mod accumulator;
+mod evidence;
+mod floor;
+mod fused;
 mod growth;
 mod ignored;
 mod neighbours;
 mod paper;
 mod parameters;
 mod polygon;
+mod specks;
+mod verdict;
 
 use thiserror::Error;
 
+pub use accumulator::{Accumulator, Progress};
 pub use ignored::{CameraPlace, IgnoredRegion, Rectangle, RectangleError};
 pub use neighbours::LEAF_SIZES;
 pub use parameters::{ParameterError, Parameters};
+pub use verdict::{Finding, Method, Verdict};
 
+use crate::components::Components;
 use crate::image::GrayImage;
 use crate::mask::{KEEP, Mask};
+use crate::metrics;
 
 /// Value of pixels that belong to a shape, in images that hold one.
 const LIT: u8 = 255;
+
+/// Least overlap of two masks of the same camera.
+const SIMILAR: f64 = 0.5;
 
 /// Why no mask can be computed.
 #[derive(Debug, Error)]
@@ -28,24 +43,67 @@ pub enum GenerateError {
     /// A parameter is out of its range.
     #[error("the parameters cannot be used")]
     Parameter(#[from] ParameterError),
+    /// A frame has another size than the others.
+    #[error(
+        "a frame of {}x{} pixels among frames of {}x{}; take all from one camera at one resolution",
+        found.0, found.1, expected.0, expected.1
+    )]
+    Size {
+        /// Width and height of the frame.
+        found: (u32, u32),
+        /// Width and height of the others.
+        expected: (u32, u32),
+    },
     /// The k-d tree cannot hold the candidates.
     #[error("the candidates do not fit into a k-d tree; generate from smaller images")]
     Tree(#[source] kiddo::kd_tree::ConstructionError),
 }
 
-/// What was made of a frame.
+/// What was made of the frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// Number of candidate pixels, |P|.
     pub candidates: usize,
-    /// The mask; none where |P| > eta does not hold (equation 6): the scene is too dark.
+    /// The mask; `None` exactly where the verdict refuses it.
     pub mask: Option<Mask>,
+    /// What was found about the frames and the mask.
+    pub verdict: Verdict,
 }
 
-/// The published method on one frame, equations 2 to 10.
+impl Outcome {
+    /// `mask` comes with the image of the pixels that were considered.
+    fn new(
+        method: Method,
+        candidates: usize,
+        mut findings: Vec<Finding>,
+        mask: Option<(Mask, &GrayImage)>,
+    ) -> Self {
+        if let Some((mask, considered)) = &mask {
+            findings.extend(shape_findings(mask, considered));
+        }
+        let verdict = Verdict { method, findings };
+        let mask = mask.map(|(mask, _)| mask).filter(|_| !verdict.is_refused());
+        Self { candidates, mask, verdict }
+    }
+
+    /// Compares the mask with the one in force for the same camera; where they are very different, that is a finding.
+    ///
+    /// A mask in force that masks nothing or has another size says nothing about the airframe.
+    pub fn compare(&mut self, in_force: &Mask) {
+        let overlap = self.mask.as_ref().and_then(|mask| metrics::overlap(mask, in_force));
+        let overlap = overlap.filter(|overlap| *overlap < SIMILAR && in_force.masked_px() > 0);
+        if let Some(overlap) = overlap {
+            self.verdict.findings.push(Finding::Different { overlap });
+            self.mask = self.mask.take().filter(|_| !self.verdict.is_refused());
+        }
+    }
+}
+
+/// The published method on one frame, equations 2 to 10. Refuses by equation 6 alone.
 ///
 /// # Errors
-/// [`GenerateError::Parameter`] where a parameter is out of its range, [`GenerateError::Tree`] for more candidates than a tree holds.
+/// [`GenerateError::Parameter`] where a parameter is out of its range, [`GenerateError::Tree`] for more candidates
+/// than a tree holds.
 pub fn paper(
     image: &GrayImage,
     ignored: &IgnoredRegion,
@@ -54,13 +112,56 @@ pub fn paper(
     parameters.check()?;
     let considered = ignored.considered(image.width(), image.height());
     let lit = paper::candidates(image, &considered, parameters.sigma);
-    let candidates = paper::count(&lit);
+    let candidates = count(&lit);
+    let mut evidence = evidence::Evidence::new(&considered);
+    evidence.add(image);
+    let mut findings = fused::find(&evidence, parameters).findings;
+    findings.retain(|finding| !matches!(finding, Finding::TooDark { .. } | Finding::TooFewFrames { .. }));
     if candidates <= parameters.eta as usize {
-        return Ok(Outcome { candidates, mask: None });
+        let level = fused::level(&evidence, parameters.eta as usize + 1, 1);
+        findings.insert(0, Finding::TooDark { candidates, eta: parameters.eta, level });
+        return Ok(Outcome::new(Method::Paper, candidates, findings, None));
     }
-    let mut shape = paper::connect(&lit, parameters)?;
+    let mask = mask_of(paper::connect(&lit, parameters)?);
+    Ok(Outcome::new(Method::Paper, candidates, findings, Some((mask, &considered))))
+}
+
+/// Number of [`LIT`] pixels.
+fn count(image: &GrayImage) -> usize {
+    image.as_raw().iter().map(|value| usize::from(*value == LIT)).sum()
+}
+
+/// The mask of a shape.
+fn mask_of(mut shape: GrayImage) -> Mask {
     shape.iter_mut().for_each(|value| *value = !*value);
-    Ok(Outcome { candidates, mask: Some(Mask::binarised(&shape, KEEP)) })
+    Mask::binarised(&shape, KEEP)
+}
+
+/// What the mask itself shows. `considered` is [`LIT`] where pixels are not ignored.
+fn shape_findings(mask: &Mask, considered: &GrayImage) -> Vec<Finding> {
+    let (width, height) = (mask.width(), mask.height());
+    let (masked_px, total_px) = (mask.masked_px(), u64::from(width) * u64::from(height));
+    let mut findings = Vec::new();
+    if masked_px > total_px / 2 {
+        findings.push(Finding::OverHalfMasked { masked_px, total_px });
+    }
+    let parts = Components::masked(mask);
+    let mut is_attached = vec![false; parts.list().len()];
+    for (run, part) in parts.runs() {
+        let is_at_border = run.row == 0 || run.row + 1 == height || run.start == 0 || run.end() == width;
+        let first = run.row as usize * width as usize + run.start as usize;
+        let pixels = &considered.as_raw()[first..first + run.length as usize];
+        is_attached[part] |= is_at_border || pixels.contains(&0);
+    }
+    if !is_attached.contains(&true) {
+        findings.push(Finding::TouchesNothing { masked_px });
+        return findings;
+    }
+    for (part, _) in parts.list().iter().zip(is_attached).filter(|(_, is_attached)| !is_attached) {
+        let place = Rectangle::around(part.x, part.y, part.x + part.width, part.y + part.height);
+        findings.push(Finding::Detached { area_px: part.area_px, place });
+    }
+    findings
 }
 
 #[cfg(test)]

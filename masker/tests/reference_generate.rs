@@ -1,11 +1,11 @@
-//! The published method beside an independent implementation of it, where its frames and masks are at hand: in a folder `shared` beside
+//! Both methods on frames with known outlines, the published one beside an independent implementation of it, where its frames and masks are at hand: in a folder `shared` beside
 //! the repository, or where `UVCAM_SHARED` says.
 
 #![allow(clippy::unwrap_used)]
 
 use std::path::{Path, PathBuf};
 
-use uvcam_masker::generate::{IgnoredRegion, Parameters, Rectangle, paper};
+use uvcam_masker::generate::{Accumulator, IgnoredRegion, Parameters, Rectangle, paper};
 use uvcam_masker::{Mask, file, metrics};
 
 /// Overlap that two implementations reach, which may break ties between equally distant neighbours differently.
@@ -79,4 +79,48 @@ fn the_published_method_agrees_with_an_independent_implementation() {
     }
     println!("{compared} masks compared, least overlap {least:.5}; {refused} dark frames refused by both");
     assert!(compared > 0);
+}
+
+#[test]
+fn the_fused_method_masks_the_whole_airframe_and_nothing_else() {
+    let Some(folder) = reference() else { return };
+    for (scene, ignored) in scenes(&folder) {
+        let read = |name: &str| file::read_gray(&folder.join(format!("lit/{scene}/{name}.png"))).unwrap();
+        let airframe = read("airframe");
+        let (width, height) = airframe.dimensions();
+        let mut accumulator = Accumulator::new(width, height, &ignored, &Parameters::default()).unwrap();
+        for number in 0..5 {
+            accumulator.add(&read(&format!("frame_{number}"))).unwrap();
+        }
+        let outcome = accumulator.finish();
+        let Some(mask) = outcome.mask else {
+            let may_be_refused = scene.ends_with("dark") || scene.ends_with("weak");
+            assert!(may_be_refused, "{scene}: {:?}", outcome.verdict);
+            println!("{scene}: refused");
+            continue;
+        };
+        assert!(!scene.ends_with("dark"), "{scene}: masked");
+        let pixels = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let shown: Vec<(u32, u32)> = pixels().filter(|(x, y)| airframe.get_pixel(*x, *y).0[0] > 0).collect();
+        let masked = shown.iter().filter(|(x, y)| mask.is_masked(*x, *y)).count();
+        let share = masked as f64 / shown.len() as f64;
+        // Its pixels that have a neighbour off the airframe suffice for distances.
+        let edge: Vec<(u32, u32)> = shown
+            .iter()
+            .filter(|(x, y)| {
+                let around = [(x.wrapping_sub(1), *y), (x + 1, *y), (*x, y.wrapping_sub(1)), (*x, y + 1)];
+                around
+                    .iter()
+                    .any(|(x, y)| airframe.get_pixel_checked(*x, *y).is_none_or(|pixel| pixel.0[0] == 0))
+            })
+            .copied()
+            .collect();
+        let off = pixels().filter(|(x, y)| mask.is_masked(*x, *y) && airframe.get_pixel(*x, *y).0[0] == 0);
+        let squared = |a: (u32, u32), b: (u32, u32)| a.0.abs_diff(b.0).pow(2) + a.1.abs_diff(b.1).pow(2);
+        let farthest = off.filter_map(|pixel| edge.iter().map(|edge| squared(pixel, *edge)).min()).max();
+        let farthest = f64::from(farthest.unwrap_or(0)).sqrt() * 752.0 / f64::from(width);
+        println!("{scene}: {:.3} % masked, farthest {farthest:.1} px", share * 100.0);
+        assert!(share >= 0.999, "{scene}: {share}");
+        assert!(farthest <= 36.0, "{scene}: {farthest} px");
+    }
 }

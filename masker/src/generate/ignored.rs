@@ -1,7 +1,9 @@
 //! The ignored region H_cam (equation 2): parts of the image where light is not the airframe's.
 
+use std::fmt;
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::LIT;
@@ -12,7 +14,8 @@ use crate::image::GrayImage;
 ///
 /// `None` as an end is the border of the image, and what reaches beyond the border is cut off. As text
 /// `x0:x1:y0:y1`, where an empty number is the border: `:376::` is the left half of an image 752 pixels wide.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub struct Rectangle {
     /// First column.
     pub x0: u32,
@@ -31,6 +34,45 @@ pub struct Rectangle {
 )]
 pub struct RectangleError {
     text: String,
+}
+
+impl Rectangle {
+    /// The rectangle from column `x0` and row `y0` to column `x1` and row `y1`, these excluded.
+    pub(super) fn around(x0: u32, y0: u32, x1: u32, y1: u32) -> Self {
+        Self { x0, x1: Some(x1), y0, y1: Some(y1) }
+    }
+
+    /// The least rectangle that holds both.
+    pub(super) fn united(&self, other: &Self) -> Self {
+        let farther = |a: Option<u32>, b: Option<u32>| Some(a?.max(b?));
+        Self {
+            x0: self.x0.min(other.x0),
+            x1: farther(self.x1, other.x1),
+            y0: self.y0.min(other.y0),
+            y1: farther(self.y1, other.y1),
+        }
+    }
+}
+
+impl fmt::Display for Rectangle {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let end = |end: Option<u32>| end.map_or_else(String::new, |end| end.to_string());
+        write!(formatter, "{}:{}:{}:{}", self.x0, end(self.x1), self.y0, end(self.y1))
+    }
+}
+
+impl From<Rectangle> for String {
+    fn from(rectangle: Rectangle) -> Self {
+        rectangle.to_string()
+    }
+}
+
+impl TryFrom<String> for Rectangle {
+    type Error = RectangleError;
+
+    fn try_from(text: String) -> Result<Self, Self::Error> {
+        text.parse()
+    }
 }
 
 impl FromStr for Rectangle {
@@ -136,6 +178,9 @@ mod tests {
     fn rectangle_reads_as_half_open_columns_and_rows() {
         assert_eq!("1:3:2:4".parse(), Ok(Rectangle { x0: 1, x1: Some(3), y0: 2, y1: Some(4) }));
         assert_eq!(":::".parse(), Ok(Rectangle::default()));
+        for text in ["1:3:2:4", "7::0:", "0::5:9"] {
+            assert_eq!(text.parse::<Rectangle>().unwrap().to_string(), text);
+        }
         for text in ["", "1:2:3", "1:2:3:4:5", "3:3::", "::4:1", "-1:2::", "a:::"] {
             assert!(text.parse::<Rectangle>().is_err(), "{text}");
         }

@@ -15,11 +15,6 @@ pub(super) fn candidates(image: &GrayImage, considered: &GrayImage, sigma: u8) -
     candidates
 }
 
-/// Number of candidates, |P|.
-pub(super) fn count(candidates: &GrayImage) -> usize {
-    candidates.as_raw().iter().map(|value| usize::from(*value == LIT)).sum()
-}
-
 /// Connects the candidates with their neighbours and grows the result (equations 7 to 10).
 pub(super) fn connect(candidates: &GrayImage, parameters: &Parameters) -> Result<GrayImage, GenerateError> {
     let mut points = Vec::new();
