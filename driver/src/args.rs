@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
-use uvcam_masker::generate::Rectangle;
 
 use crate::generator::Wish;
 
@@ -90,15 +89,12 @@ pub struct Generate {
     /// Every configured camera, one after the other
     #[arg(long)]
     pub all: bool,
-    /// Make the mask from a picture instead of a camera's frame; of several, the first is taken
+    /// Make the mask from pictures instead of a camera's frames; the published method takes the first
     #[arg(long, value_name = "FRAME.png", num_args = 1.., requires = "out", conflicts_with = "accept")]
     pub from: Vec<PathBuf>,
     /// Where to write the mask
     #[arg(long, value_name = "MASK.png", requires = "from")]
     pub out: Option<PathBuf>,
-    /// Columns x0 to x1 and rows y0 to y1 that are not the airframe, H_cam; an empty end is the image border
-    #[arg(long, value_name = "X0:X1:Y0:Y1", allow_hyphen_values = true, requires = "from")]
-    pub ignore: Vec<Rectangle>,
     /// Put the mask in force at once, without a look at the candidate
     #[arg(long)]
     pub accept: bool,

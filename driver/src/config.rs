@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use uvcam_masker::generate::IgnoredRegion;
+use uvcam_masker::generate::{IgnoredRegion, Parameters};
 use uvcam_shm_ipc::PixelFormat;
 
 use crate::camera::Settings;
@@ -60,6 +60,19 @@ pub struct Generate {
     pub gain_db: f64,
     /// Where light is not the airframe's.
     pub ignored: IgnoredRegion,
+    /// Parameters of the methods.
+    pub parameters: Parameters,
+}
+
+impl Default for Generate {
+    fn default() -> Self {
+        Generate {
+            exposure_us: 5000.0,
+            gain_db: 0.0,
+            ignored: IgnoredRegion::default(),
+            parameters: Parameters::default(),
+        }
+    }
 }
 
 /// `mask`

@@ -6,7 +6,7 @@ use uvcam_shm_ipc::control::{ControlServer, Question};
 use crate::config::Config;
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
-use crate::generator::{Report, Wish};
+use crate::generator::{Progress, Report, Wish};
 
 /// What a driver can be asked.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -27,6 +27,11 @@ pub enum Ask {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(tag = "answer", rename_all = "snake_case")]
 pub enum Reply {
+    /// Lit frames are being collected; more is to come.
+    Collecting {
+        /// How far that is.
+        progress: Progress,
+    },
     /// A mask was generated, or refused.
     Generated {
         /// What came of it.

@@ -12,7 +12,7 @@ use uvcam_shm_ipc::{PixelFormat, Publisher, Slot, monotonic_ns};
 
 use crate::camera::{Applied, Camera, CameraError, Event, Identity, Settings};
 use crate::error::Error;
-use crate::generator::Generator;
+use crate::generator::{Generator, Progress};
 
 /// Longest wait for a frame before the thread looks whether it is to end.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -29,6 +29,8 @@ pub struct Order {
     pub gain_db: f64,
     /// What takes the frames.
     pub generator: Generator,
+    /// Called after each frame.
+    pub progress: Box<dyn FnMut(Progress) + Send>,
     /// Set by whoever ordered, to be done with it early.
     pub cancelled: std::sync::Arc<AtomicBool>,
     /// Called with the generator when the camera has its flight settings again, or when it failed.
@@ -46,17 +48,14 @@ pub struct Light {
 
 impl Light {
     /// Keywords and texts that tell of it, for the mask's file.
-    pub fn provenance(&self, recipe: String) -> Vec<(&'static str, String)> {
+    pub fn provenance(&self) -> Vec<(&'static str, String)> {
         let Light { identity, applied } = self;
         vec![
-            ("Software", concat!("uvcam ", env!("CARGO_PKG_VERSION")).into()),
-            ("Creation Time", jiff::Timestamp::now().to_string()),
             ("Camera", format!("{} {}", identity.vendor, identity.model)),
             ("Camera Serial", identity.serial.clone()),
             ("Size", format!("{}x{}", applied.width, applied.height)),
             ("Exposure us", applied.exposure_us.to_string()),
             ("Gain dB", applied.gain_db.to_string()),
-            ("Method", recipe),
         ]
     }
 }
@@ -82,7 +81,8 @@ impl Order {
     /// The camera is left stopped, with the order's settings.
     ///
     /// # Errors
-    /// [`Error::Camera`] where the camera refuses the settings or fails; [`Error::Loan`] where no slot is free.
+    /// [`Error::Camera`] where the camera refuses the settings or fails; [`Error::Loan`] where no slot is free; [`Error::Generate`]
+    /// where the generator takes no frames.
     pub fn collect(
         &mut self,
         camera: &mut dyn Camera,
@@ -105,7 +105,9 @@ impl Order {
                     last_frame_ns = capture.arrival_monotonic_ns;
                     let frame = picture(&mut capture.slot, &applied);
                     camera.queue(capture.slot)?;
-                    if self.generator.add(frame) {
+                    self.generator.add(&frame)?;
+                    (self.progress)(self.generator.progress());
+                    if self.generator.is_satisfied() {
                         break;
                     }
                 }

@@ -1,15 +1,20 @@
 //! From lit frames to a stored candidate, or to the reason why there is none: the same for frames from files, from a camera, and
 //! from a camera of a running driver.
 
-use std::path::PathBuf;
-use std::time::Instant;
+mod report;
+
+use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use serde::{Deserialize, Serialize};
-use uvcam_masker::generate::{self, IgnoredRegion, Outcome, Parameters};
-use uvcam_masker::{GrayImage, Mask, metrics};
+use uvcam_masker::generate::{
+    self, Accumulator, GenerateError, IgnoredRegion, Outcome, Parameters, Rectangle,
+};
+use uvcam_masker::{GrayImage, metrics};
 
-use crate::config::{CameraConfig, MaskChoice};
+pub use report::{Finding, Part, Report, parts};
+
+use crate::config::{CameraConfig, Generate, MaskChoice};
 use crate::error::Error;
 use crate::mask;
 use crate::mask_store::{Candidate, MaskStore};
@@ -18,54 +23,76 @@ use crate::mask_store::{Candidate, MaskStore};
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
-    /// The published method, from one frame
+    /// Several frames while the lamp moves; ends when the mask has stopped changing
     #[default]
+    Fused,
+    /// The published method, from one frame
     Paper,
 }
 
-/// What whoever asks for a mask may choose.
-#[derive(Debug, Clone, Default, Args, Serialize, Deserialize)]
+/// What whoever asks for a mask may choose. What is left open is as configured.
+#[derive(Debug, Clone, Args, Serialize, Deserialize)]
 pub struct Wish {
     /// How the mask is computed
     #[arg(long, value_enum, default_value_t)]
     pub method: Method,
+    /// Frames that the fused method takes at most
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=255))]
+    pub frames: u32,
+    /// Columns x0 to x1 and rows y0 to y1 that are not the airframe, H_cam; an empty end is the image border
+    #[arg(long, value_name = "X0:X1:Y0:Y1", allow_hyphen_values = true)]
+    pub ignore: Vec<Rectangle>,
+    /// Make a mask that is very different from the one in force, for another airframe or another place of the camera
+    #[arg(long)]
+    pub replace: bool,
     /// Exposure time of lit frames, microseconds
     #[arg(long, value_name = "E")]
     pub exposure_us: Option<f64>,
     /// Gain of lit frames, decibels
     #[arg(long, value_name = "G", allow_negative_numbers = true)]
     pub gain_db: Option<f64>,
-    /// sigma: a pixel brighter than this is a candidate, 0 to 255
-    #[arg(long, value_name = "LEVEL", default_value_t = 120)]
-    pub sigma: u8,
+    /// sigma: a pixel brighter than this is a candidate, 0 to 255; with the fused method, light below a quarter of it is too weak
+    #[arg(long, value_name = "LEVEL")]
+    pub sigma: Option<u8>,
     /// eta: the mask needs more candidates |P| than this
-    #[arg(long, value_name = "PIXELS", default_value_t = 20)]
-    pub eta: u32,
-    /// Bucket size of the k-d tree; matters for speed alone
-    #[arg(long, value_name = "POINTS", default_value_t = 10)]
-    pub leaf: u32,
-    /// k: neighbours that are connected with each candidate, itself included
-    #[arg(long, value_name = "POINTS", default_value_t = 20)]
-    pub k: u32,
-    /// tau: only neighbours nearer than this are connected
-    #[arg(long, value_name = "PIXELS", default_value_t = 50.0)]
-    pub tau: f64,
+    #[arg(long, value_name = "PIXELS")]
+    pub eta: Option<u32>,
+    /// Bucket size of the k-d tree of the published method; matters for speed alone
+    #[arg(long, value_name = "POINTS")]
+    pub leaf: Option<u32>,
+    /// k: neighbours that the published method connects with each candidate, itself included
+    #[arg(long, value_name = "POINTS")]
+    pub k: Option<u32>,
+    /// tau: the published method connects neighbours nearer than this
+    #[arg(long, value_name = "PIXELS")]
+    pub tau: Option<f64>,
     /// kappa: thickness of the drawn contours; the mask grows by half of it
-    #[arg(long, value_name = "PIXELS", default_value_t = 50)]
-    pub kappa: u32,
+    #[arg(long, value_name = "PIXELS")]
+    pub kappa: Option<u32>,
 }
 
 impl Wish {
-    fn parameters(&self) -> Parameters {
-        let Wish { sigma, eta, leaf, k, tau, kappa, .. } = *self;
-        Parameters { sigma, eta, leaf, k, tau, kappa }
+    fn parameters(&self, configured: &Parameters) -> Parameters {
+        Parameters {
+            sigma: self.sigma.unwrap_or(configured.sigma),
+            eta: self.eta.unwrap_or(configured.eta),
+            leaf: self.leaf.unwrap_or(configured.leaf),
+            k: self.k.unwrap_or(configured.k),
+            tau: self.tau.unwrap_or(configured.tau),
+            kappa: self.kappa.unwrap_or(configured.kappa),
+        }
     }
+}
 
-    /// The method and its parameters, as a text for the mask's file.
-    fn recipe(&self) -> String {
-        let Wish { sigma, eta, leaf, k, tau, kappa, .. } = self;
-        format!("paper, sigma {sigma}, eta {eta}, leaf {leaf}, k {k}, tau {tau}, kappa {kappa}")
-    }
+/// How far the collection of frames is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Frames taken.
+    pub frames: u32,
+    /// Frames that are taken at most.
+    pub most_frames: u32,
+    /// Pixels found lit so far.
+    pub lit_px: u64,
 }
 
 /// Takes lit frames, and makes the mask.
@@ -73,74 +100,136 @@ impl Wish {
 pub struct Generator {
     wish: Wish,
     ignored: IgnoredRegion,
-    frames: Vec<GrayImage>,
+    parameters: Parameters,
+    collected: Option<Collected>,
+    /// Time spent on computing.
+    busy: Duration,
+}
+
+/// What the frames left.
+#[derive(Debug)]
+struct Collected {
+    /// The brightest that each pixel was.
+    brightest: GrayImage,
+    /// None with the published method, whose one frame is the brightest.
+    accumulator: Option<Accumulator>,
+    frames: u32,
+    is_settled: bool,
 }
 
 /// What a generator made.
 #[derive(Debug)]
 pub struct Generated {
-    /// The mask, where it was not refused.
-    pub mask: Option<Mask>,
-    /// The picture it was made from.
+    /// The mask, where it was not refused, and why.
+    pub outcome: Outcome,
+    /// The brightest that each pixel was in the frames it was made from.
     pub input: GrayImage,
-    /// What is to be told of it.
-    pub report: Report,
+    wish: Wish,
+    parameters: Parameters,
+    frames_used: u32,
+    exposure_us: Option<f64>,
+    seconds: f64,
 }
 
 impl Generator {
-    /// A generator that has seen no frame.
-    pub fn new(wish: Wish, ignored: IgnoredRegion) -> Self {
-        Generator { wish, ignored, frames: Vec::new() }
+    /// A generator that has seen no frame. What the wish ignores is ignored besides what is configured.
+    pub fn new(wish: Wish, configured: &Generate) -> Self {
+        let mut ignored = configured.ignored.clone();
+        ignored.rectangles.extend(&wish.ignore);
+        let parameters = wish.parameters(&configured.parameters);
+        Generator { wish, ignored, parameters, collected: None, busy: Duration::ZERO }
     }
 
-    /// Takes a frame. Returns whether it has seen enough.
-    pub fn add(&mut self, frame: GrayImage) -> bool {
-        self.frames.push(frame);
-        self.is_satisfied()
+    /// Takes a frame. The published method takes one, the fused one as many as were wished at most; more are left out.
+    ///
+    /// # Errors
+    /// [`Error::Generate`] where a parameter is out of its range, or the frame has another size than the others.
+    pub fn add(&mut self, frame: &GrayImage) -> Result<(), Error> {
+        if self.is_full() {
+            return Ok(());
+        }
+        let start = Instant::now();
+        let added = self.accumulate(frame);
+        self.busy += start.elapsed();
+        Ok(added?)
     }
 
-    /// Whether it has seen enough. The published method takes one frame.
+    fn accumulate(&mut self, frame: &GrayImage) -> Result<(), GenerateError> {
+        let collected = match &mut self.collected {
+            Some(collected) => collected,
+            None => {
+                let accumulator = match self.wish.method {
+                    Method::Paper => None,
+                    Method::Fused => Some(Accumulator::new(
+                        frame.width(),
+                        frame.height(),
+                        &self.ignored,
+                        &self.parameters,
+                    )?),
+                };
+                let brightest = GrayImage::new(frame.width(), frame.height());
+                self.collected.insert(Collected { brightest, accumulator, frames: 0, is_settled: false })
+            }
+        };
+        if let Some(accumulator) = &mut collected.accumulator {
+            collected.is_settled = accumulator.add(frame)?.is_settled;
+        }
+        for (brightest, value) in collected.brightest.iter_mut().zip(frame.as_raw()) {
+            *brightest = (*brightest).max(*value);
+        }
+        collected.frames += 1;
+        Ok(())
+    }
+
+    /// How far it is.
+    pub fn progress(&self) -> Progress {
+        let accumulator = self.collected.as_ref().and_then(|collected| collected.accumulator.as_ref());
+        Progress {
+            frames: self.collected.as_ref().map_or(0, |collected| collected.frames),
+            most_frames: self.most_frames(),
+            lit_px: accumulator.map_or(0, |accumulator| accumulator.progress().lit_px),
+        }
+    }
+
+    /// Whether it takes no more frames.
+    pub fn is_full(&self) -> bool {
+        self.collected.as_ref().is_some_and(|collected| collected.frames >= self.most_frames())
+    }
+
+    /// Whether more frames are not worth their time: it is full, or the mask has stopped changing.
     pub fn is_satisfied(&self) -> bool {
-        !self.frames.is_empty()
+        self.is_full() || self.collected.as_ref().is_some_and(|collected| collected.is_settled)
     }
 
-    /// Makes the mask from the frames it has seen.
+    fn most_frames(&self) -> u32 {
+        match self.wish.method {
+            Method::Paper => 1,
+            Method::Fused => self.wish.frames,
+        }
+    }
+
+    /// Makes the mask from the frames it has seen. Advice names an exposure time where theirs is known, in microseconds.
     ///
     /// # Errors
     /// [`Error::Generate`] where a parameter is out of its range; [`Error::Usage`] where it has seen no frame.
-    pub fn finish(mut self) -> Result<Generated, Error> {
-        let Some(input) = self.frames.pop() else {
+    pub fn finish(self, exposure_us: Option<f64>) -> Result<Generated, Error> {
+        let Some(collected) = self.collected else {
             return Err(Error::Usage("no frame to generate a mask from".into()));
         };
         let start = Instant::now();
-        let Outcome { candidates, mask } = generate::paper(&input, &self.ignored, &self.wish.parameters())?;
-        let seconds = start.elapsed().as_secs_f64();
-        let mut findings = Vec::new();
-        if mask.is_none() {
-            findings.push(format!(
-                "too dark: {candidates} pixels are brighter than sigma = {}, more than eta = {} are needed; \
-                 raise the exposure, or move the lamp nearer",
-                self.wish.sigma, self.wish.eta
-            ));
-        }
-        let report = Report {
-            verdict: if mask.is_some() { OK } else { REFUSED }.into(),
-            findings,
-            frames_used: 1,
-            candidates: candidates as u64,
-            parts: mask.as_ref().map(parts).unwrap_or_default(),
-            seconds,
-            mask_id: mask.as_ref().map(|mask| mask.id().to_string()),
-            overlap_with_mask_in_force: None,
-            file: None,
-            in_force: false,
+        let outcome = match &collected.accumulator {
+            Some(accumulator) => accumulator.finish(),
+            None => generate::paper(&collected.brightest, &self.ignored, &self.parameters)?,
         };
-        Ok(Generated { mask, input, report })
-    }
-
-    /// The method and its parameters, as a text for the mask's file.
-    pub fn recipe(&self) -> String {
-        self.wish.recipe()
+        Ok(Generated {
+            outcome,
+            input: collected.brightest,
+            wish: self.wish,
+            parameters: self.parameters,
+            frames_used: collected.frames,
+            exposure_us,
+            seconds: (self.busy + start.elapsed()).as_secs_f64(),
+        })
     }
 }
 
@@ -153,21 +242,54 @@ impl Generated {
     pub fn store(
         mut self,
         camera: &CameraConfig,
-        provenance: &[(&str, String)],
+        mut provenance: Vec<(&'static str, String)>,
         accept: bool,
     ) -> Result<Report, Error> {
         let store = store_of(camera)?;
-        let Some(mask) = self.mask else { return Ok(self.report) };
+        // One that cannot be read flies nowhere, and so says nothing.
         let in_force = mask::load(camera).ok().flatten();
-        self.report.overlap_with_mask_in_force = in_force.and_then(|old| metrics::overlap(&old, &mask));
-        let overlay = metrics::overlay(&self.input, &mask);
-        store.store(&Candidate { mask: &mask, provenance, input: &self.input, overlay: &overlay })?;
+        let overlap = in_force.as_deref().zip(self.outcome.mask.as_ref());
+        let overlap = overlap.and_then(|(in_force, mask)| metrics::overlap(mask, in_force));
+        if let Some(in_force) = in_force.filter(|_| !self.wish.replace) {
+            self.outcome.compare(&in_force);
+        }
+        let mut report = self.report();
+        report.overlap_with_mask_in_force = overlap;
+        let Some(mask) = &self.outcome.mask else { return Ok(report) };
+        let overlay = metrics::overlay(&self.input, mask);
+        provenance.extend(self.provenance());
+        store.store(&Candidate { mask, provenance: &provenance, input: &self.input, overlay: &overlay })?;
         if accept {
             store.accept()?;
         }
-        self.report.in_force = accept;
-        self.report.file = Some(if accept { store.in_force().into() } else { store.candidate() });
-        Ok(self.report)
+        report.in_force = accept;
+        report.file = Some(if accept { store.in_force().into() } else { store.candidate() });
+        Ok(report)
+    }
+
+    /// How the mask was made and what came of it: keywords and texts for its file.
+    pub fn provenance(&self) -> Vec<(&'static str, String)> {
+        let Parameters { sigma, eta, leaf, k, tau, kappa } = &self.parameters;
+        let recipe = match self.wish.method {
+            Method::Paper => {
+                format!("paper, sigma {sigma}, eta {eta}, leaf {leaf}, k {k}, tau {tau}, kappa {kappa}")
+            }
+            Method::Fused => format!("fused, sigma {sigma}, eta {eta}, kappa {kappa}"),
+        };
+        let parts = self.outcome.mask.as_ref().map(parts).unwrap_or_default();
+        let part = |part: &Part| {
+            format!(
+                "{} px, perimeter {} px, compactness {}",
+                part.area_px, part.perimeter_px, part.compactness
+            )
+        };
+        vec![
+            ("Software", concat!("uvcam ", env!("CARGO_PKG_VERSION")).into()),
+            ("Creation Time", jiff::Timestamp::now().to_string()),
+            ("Method", recipe),
+            ("Frames", self.frames_used.to_string()),
+            ("Parts", parts.iter().map(part).collect::<Vec<_>>().join("; ")),
+        ]
     }
 }
 
@@ -183,61 +305,4 @@ pub fn store_of(camera: &CameraConfig) -> Result<MaskStore, Error> {
             camera.name
         ))),
     }
-}
-
-const OK: &str = "ok";
-const REFUSED: &str = "refused";
-
-/// What came of it.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Report {
-    /// `ok`, or `refused`.
-    pub verdict: String,
-    /// Why it was refused, and what else is to be known.
-    pub findings: Vec<String>,
-    /// Frames that the mask was made from.
-    pub frames_used: u32,
-    /// Candidate pixels |P|.
-    pub candidates: u64,
-    /// The connected parts of the mask.
-    pub parts: Vec<Part>,
-    /// Time that the computation took.
-    pub seconds: f64,
-    /// Identity of the mask.
-    pub mask_id: Option<String>,
-    /// Overlap with the mask that is in force, 0 to 1.
-    pub overlap_with_mask_in_force: Option<f64>,
-    /// Where the mask was stored.
-    pub file: Option<PathBuf>,
-    /// Whether it is in force.
-    pub in_force: bool,
-}
-
-impl Report {
-    /// Whether there is a mask.
-    pub fn is_ok(&self) -> bool {
-        self.verdict == OK
-    }
-}
-
-/// A connected part of a mask (equation 14).
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Part {
-    /// Area, px.
-    pub area_px: u64,
-    /// Length of its outer border, px.
-    pub perimeter_px: f64,
-    /// Perimeter squared over area.
-    pub compactness: f64,
-}
-
-/// The parts of a mask.
-pub fn parts(mask: &Mask) -> Vec<Part> {
-    let shapes = metrics::shapes(mask);
-    let parts = shapes.iter().map(|shape| Part {
-        area_px: shape.component.area_px,
-        perimeter_px: (shape.perimeter_px * 100.0).round() / 100.0,
-        compactness: (shape.compactness * 100.0).round() / 100.0,
-    });
-    parts.collect()
 }

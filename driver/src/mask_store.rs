@@ -67,11 +67,17 @@ impl MaskStore {
     /// [`Error::Picture`] or [`Error::System`] where a file cannot be written; there is no candidate then.
     pub fn store(&self, candidate: &Candidate<'_>) -> Result<(), Error> {
         self.discard()?;
+        self.write(candidate).inspect_err(|_| {
+            // The first error tells what is wrong; what it left would only fill a full disk.
+            let _ = self.discard();
+        })
+    }
+
+    fn write(&self, candidate: &Candidate<'_>) -> Result<(), Error> {
         let [input, overlay] = self.pictures();
         file::write_gray(&input, candidate.input, &[])?;
         file::write_rgb(&overlay, candidate.overlay)?;
-        candidate.mask.save(&self.candidate(), candidate.provenance)?;
-        Ok(())
+        Ok(candidate.mask.save(&self.candidate(), candidate.provenance)?)
     }
 
     /// Puts the candidate in force, and the mask before it into the history.

@@ -75,7 +75,7 @@ fn a_running_driver_generates_between_two_epochs_and_flies_the_accepted_mask() {
     let driver = stage.driver();
     next_frame(&mut left);
 
-    let output = Process::start(&mut stage.uvcam(&["generate", "left", "--json"]));
+    let output = Process::start(&mut stage.uvcam(&["generate", "left", "--replace", "--json"]));
     let mut seen = Vec::new();
     wait_until("a second epoch", || {
         while right.next().unwrap().is_some() {}
@@ -129,6 +129,45 @@ fn darkness_is_refused_and_nothing_is_stored() {
 }
 
 #[test]
+fn a_mask_very_different_from_the_one_in_force_is_refused_unless_it_is_to_replace_it() {
+    let stage = Stage::new(&left());
+    let mask = stage.write_mask("left.png", (752, 480), 10);
+    let output = stage.output(&["generate", "left", "--accept", "--json"]);
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    assert_eq!(json(&output)["findings"][0]["name"], "different");
+    assert!(json(&output)["overlap_with_mask_in_force"].as_f64().unwrap() < 0.5);
+    assert!(stderr(&output).contains("--replace"), "{}", stderr(&output));
+    assert_eq!(Mask::load(&stage.file("left.png")).unwrap(), mask);
+
+    assert!(stage.output(&["generate", "left", "--accept", "--replace"]).status.success());
+    assert_covers_airframe(&Mask::load(&stage.file("left.png")).unwrap());
+    let again = stage.output(&["generate", "left", "--json"]);
+    assert!(json(&again)["overlap_with_mask_in_force"].as_f64().unwrap() > 0.95, "{}", stderr(&again));
+}
+
+#[test]
+fn every_camera_gets_its_mask_and_one_that_cannot_be_opened_does_not_stop_the_others() {
+    let gone = "[[camera]]\nname = \"gone\"\nsource = { kind = \"replay\", path = \"nowhere\" }\n\
+                width = 752\nheight = 480\nfps = 60\nexposure_us = 1000\nmask = \"gone.png\"\n";
+    let stage = Stage::new(&(gone.to_owned() + &left()));
+    let output = stage.output(&["generate", "--all", "--frames", "8", "--accept", "--json"]);
+    assert_ne!(output.status.code(), Some(0));
+    assert!(stderr(&output).contains("gone"), "{}", stderr(&output));
+    let reports = json(&output);
+    assert_eq!((&reports[0]["camera"], &reports[0]["verdict"]), (&"left".into(), &"ok".into()));
+    assert_eq!(reports[0]["frames_used"], 8, "the cap");
+    assert_covers_airframe(&Mask::load(&stage.file("left.png")).unwrap());
+}
+
+#[test]
+fn what_a_command_ignores_is_ignored_besides_what_is_configured() {
+    let stage = Stage::new(&left());
+    assert!(stage.output(&["generate", "left", "--ignore", "376:::"]).status.success());
+    let mask = Mask::load(&stage.file("left.candidate.png")).unwrap();
+    assert!(mask.is_masked(200, 420) && !mask.is_masked(571, 430));
+}
+
+#[test]
 fn an_exposure_that_the_camera_refuses_leaves_the_flight_as_it_was() {
     let stage = Stage::new(&left());
     let mask = stage.write_mask("left.png", (752, 480), 10);
@@ -151,7 +190,7 @@ fn an_order_whose_command_was_killed_stores_nothing_and_the_flight_goes_on() {
     let mut left = stage.subscriber("left");
     let driver = stage.driver();
     next_frame(&mut left);
-    Process::start(&mut stage.uvcam(&["generate", "left", "--accept"])).kill();
+    Process::start(&mut stage.uvcam(&["generate", "left", "--replace", "--accept"])).kill();
     let frames = left.frames();
     wait_until("it streams", || {
         while left.next().unwrap().is_some() {}
@@ -170,10 +209,10 @@ fn a_driver_killed_while_it_generates_flies_the_flight_settings_at_its_next_star
         let driver = stage.driver();
         let epochs = left.epochs();
         wait_until("it streams", || left.next().unwrap().is_some() && left.epochs() > epochs);
-        let generate = Process::start(&mut stage.uvcam(&["generate", "left"]));
-        // Some frames later the driver is somewhere else in the flow each time.
+        let generate = Process::start(&mut stage.uvcam(&["generate", "left", "--replace"]));
+        // Some time later the driver is somewhere else in the flow each time.
         for _ in 0..kill_after {
-            left.wait(std::time::Duration::from_millis(40)).unwrap();
+            left.wait(std::time::Duration::from_millis(400)).unwrap();
             while left.next().unwrap().is_some() {}
         }
         driver.kill();
@@ -211,11 +250,20 @@ fn masks_are_made_from_files() {
     }
     frame.save(stage.file("frame.png")).unwrap();
     let [from, out] = ["frame.png", "mask.png"].map(|name| stage.file(name).to_string_lossy().into_owned());
-    let output = stage.output(&["generate", "--from", &from, "--ignore", "::0:100", "--out", &out, "--json"]);
+    let output =
+        stage.output(&["generate", "--from", &from, &from, "--ignore", "::0:100", "--out", &out, "--json"]);
     assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(json(&output)["frames_used"], 2);
     let mask = Mask::load(&stage.file("mask.png")).unwrap();
     assert!(mask.is_masked(95, 120) && !mask.is_masked(95, 65) && !mask.is_masked(10, 120));
     assert_eq!(json(&output)["parts"][0]["area_px"], mask.masked_px());
+
+    image::GrayImage::new(150, 200).save(stage.file("other.png")).unwrap();
+    let other = stage.file("other.png").to_string_lossy().into_owned();
+    let refused = stage.output(&["generate", "--from", &from, &other, "--out", &out]);
+    assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("150x200"), "{}", stderr(&refused));
+    assert_eq!(Mask::load(&stage.file("mask.png")).unwrap(), mask, "nothing was written");
 
     let output = stage.output(&["mask", "metrics", &out, &out, "--json"]);
     assert_eq!(json(&output)["over_all_parts"]["parts"], 2);
@@ -235,7 +283,8 @@ fn a_gige_vision_camera_generates_its_mask() {
         let mut left = stage.subscriber("left");
         let driver = stage.driver();
         next_frame(&mut left);
-        let output = stage.output(&["generate", "left", "--json"]);
+        // The device's picture is a moving ramp, without an airframe.
+        let output = stage.output(&["generate", "left", "--method", "paper", "--json"]);
         assert!(output.status.success(), "{}", stderr(&output));
         wait_until("it streams again", || left.next().unwrap().is_some() && left.epochs() == 2);
         let frame = next_frame(&mut left);

@@ -1,5 +1,7 @@
 //! `uvcam generate`: a mask from pictures, from a camera, or from a camera of the running driver.
 
+mod report;
+
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,9 +12,9 @@ use uvcam_masker::file::read_gray;
 use uvcam_shm_ipc::control::{Answer, ControlClient};
 
 use crate::args;
-use crate::config::{CameraConfig, Config};
+use crate::config::{self, CameraConfig, Config};
 use crate::control::{Ask, Reply};
-use crate::error::Error;
+use crate::error::{Error, with_causes};
 use crate::exit::Exit;
 use crate::generate::{Light, Order};
 use crate::generator::{Generator, Report, store_of};
@@ -29,7 +31,9 @@ pub(super) fn execute(
 ) -> Result<Exit, Error> {
     if let Some(out) = &arguments.out {
         let report = from_files(arguments, out)?;
-        return show(&[("files", report)], arguments.json);
+        let exit = if report.is_ok() { Exit::Done } else { Exit::Refused };
+        report::show(&[("files", report)], arguments)?;
+        return Ok(exit);
     }
     let config = config()?;
     let chosen = |camera: &&CameraConfig| arguments.all || Some(&camera.name) == arguments.camera.as_ref();
@@ -44,33 +48,42 @@ pub(super) fn execute(
     }
     let stop = super::stop_flag()?;
     let mut reports = Vec::new();
+    let mut exit = Exit::Done;
     for camera in cameras {
-        let report = match ControlClient::open(&config.ipc.settings, &camera.name)? {
-            Some(driver) => ask_driver(&driver, camera, arguments, &stop)?,
-            None => alone(camera, &config, arguments, &stop)?,
+        let report = match ControlClient::open(&config.ipc.settings, &camera.name) {
+            Ok(Some(driver)) => ask_driver(&driver, camera, arguments, &stop),
+            Ok(None) => alone(camera, &config, arguments, &stop),
+            Err(error) => Err(error.into()),
         };
-        reports.push((camera.name.as_str(), report));
+        match report {
+            Ok(report) => reports.push((camera.name.as_str(), report)),
+            // The other cameras still get their masks.
+            Err(error) => {
+                tracing::error!("{}: {}", camera.name, with_causes(&error));
+                exit = if exit == Exit::Done { error.exit() } else { exit };
+            }
+        }
     }
-    show(&reports, arguments.json)
+    report::show(&reports, arguments)?;
+    let refused = reports.iter().any(|(_, report)| !report.is_ok());
+    Ok(if exit == Exit::Done && refused { Exit::Refused } else { exit })
 }
 
 fn from_files(arguments: &args::Generate, out: &Path) -> Result<Report, Error> {
-    let ignored =
-        uvcam_masker::generate::IgnoredRegion { rectangles: arguments.ignore.clone(), polygons: Vec::new() };
-    let mut generator = Generator::new(arguments.wish.clone(), ignored);
+    let mut generator = Generator::new(arguments.wish.clone(), &config::Generate::default());
     for file in &arguments.from {
-        if generator.add(read_gray(file)?) {
-            break;
-        }
+        // Pictures are few and chosen: all are taken, settled or not.
+        generator.add(&read_gray(file)?)?;
     }
-    let recipe = generator.recipe();
-    let mut generated = generator.finish()?;
-    if let Some(mask) = &generated.mask {
-        let software = concat!("uvcam ", env!("CARGO_PKG_VERSION"));
-        mask.save(out, &[("Software", software.into()), ("Method", recipe)])?;
-        generated.report.file = Some(out.into());
+    let generated = generator.finish(arguments.wish.exposure_us)?;
+    let mut report = generated.report();
+    if let Some(mask) = &generated.outcome.mask {
+        let mut texts = generated.provenance();
+        texts.push(("Size", format!("{}x{}", mask.width(), mask.height())));
+        mask.save(out, &texts)?;
+        report.file = Some(out.into());
     }
-    Ok(generated.report)
+    Ok(report)
 }
 
 /// The running driver does the work.
@@ -84,10 +97,15 @@ fn ask_driver(
     let ask = Ask::Generate { wish: arguments.wish.clone(), accept: arguments.accept };
     // A value of plain numbers and texts always has a JSON form.
     let answers = driver.ask(&serde_json::to_string(&ask).unwrap_or_default())?;
-    let asked = Instant::now();
+    let mut heard = Instant::now();
+    let bar = report::Bar::new(&camera.name);
     while !stop.load(Ordering::Relaxed) {
         match answers.next(GLANCE) {
             Answer::Text(text) => match serde_json::from_str(&text) {
+                Ok(Reply::Collecting { progress }) => {
+                    heard = Instant::now();
+                    bar.show(progress);
+                }
                 Ok(Reply::Generated { report }) => return Ok(*report),
                 Ok(Reply::Failed { exit, cause }) => return Err(Error::Driver { exit, cause }),
                 Ok(Reply::Done) | Err(_) => {
@@ -95,7 +113,7 @@ fn ask_driver(
                     return Err(Error::Driver { exit: Exit::Usage as u8, cause });
                 }
             },
-            Answer::Timeout if asked.elapsed() < PATIENCE => {}
+            Answer::Timeout if heard.elapsed() < PATIENCE => {}
             Answer::Timeout | Answer::Over => {
                 let cause =
                     "it ended before it answered; the mask in force is unchanged unless it says otherwise"
@@ -117,11 +135,14 @@ fn alone(
     store_of(camera)?;
     let (done, result) = channel();
     let wish = arguments.wish.clone();
-    let ignored = camera.generate.ignored.clone();
     let order = Order {
         exposure_us: wish.exposure_us.unwrap_or(camera.generate.exposure_us),
         gain_db: wish.gain_db.unwrap_or(camera.generate.gain_db),
-        generator: Generator::new(wish, ignored),
+        generator: Generator::new(wish, &camera.generate),
+        progress: Box::new({
+            let bar = report::Bar::new(&camera.name);
+            move |progress| bar.show(progress)
+        }),
         cancelled: stop.clone(),
         done: Box::new(move |generator, light| drop(done.send((generator, light)))),
     };
@@ -129,45 +150,10 @@ fn alone(
     Supervisor::fulfil_alone(camera, &config.ipc, Arc::default(), order);
     let (generator, light): (Generator, Result<Light, Error>) =
         result.recv().map_err(|_| Error::Usage("the camera gave no answer".into()))?;
-    let provenance = light?.provenance(generator.recipe());
+    let light = light?;
     if stop.load(Ordering::Relaxed) {
         return Err(Error::Usage("stopped; nothing was stored".into()));
     }
-    generator.finish()?.store(camera, &provenance, arguments.accept)
-}
-
-fn show(reports: &[(&str, Report)], json: bool) -> Result<Exit, Error> {
-    for (name, report) in reports {
-        for finding in &report.findings {
-            tracing::warn!("{name}: {finding}");
-        }
-        if json {
-            // A value of plain numbers and texts always has a JSON form.
-            super::print(&serde_json::to_string_pretty(report).unwrap_or_default())?;
-        } else {
-            super::print(&table(name, report))?;
-        }
-    }
-    let ok = reports.iter().all(|(_, report)| report.is_ok());
-    Ok(if ok { Exit::Done } else { Exit::Refused })
-}
-
-fn table(name: &str, report: &Report) -> String {
-    let mut lines =
-        vec![format!("{name}: {}, {} frames, {:.2} s", report.verdict, report.frames_used, report.seconds)];
-    for (number, part) in (1..).zip(&report.parts) {
-        lines.push(format!(
-            "  part {number}: {} px, perimeter {:.0} px, compactness {:.1}",
-            part.area_px, part.perimeter_px, part.compactness
-        ));
-    }
-    if let Some(overlap) = report.overlap_with_mask_in_force {
-        lines.push(format!("  overlap with the mask in force: {:.1} %", overlap * 100.0));
-    }
-    match &report.file {
-        Some(file) if report.in_force => lines.push(format!("  in force: {}", file.display())),
-        Some(file) => lines.push(format!("  stored: {}", file.display())),
-        None => lines.push("  nothing was stored".into()),
-    }
-    lines.join("\n")
+    let generated = generator.finish(Some(light.applied.exposure_us))?;
+    generated.store(camera, light.provenance(), arguments.accept)
 }

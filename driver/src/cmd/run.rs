@@ -19,6 +19,7 @@ use crate::config::{CameraConfig, Config, MaskChoice};
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
 use crate::frame_path::{Command, Counters};
+use crate::generator::Progress;
 use crate::mask;
 use crate::supervise::{Notice, State, Supervisor};
 
@@ -37,6 +38,7 @@ enum Event {
     Signal(i32),
     Camera(Notice),
     Collected(Box<Collected>),
+    Progress { place: usize, progress: Progress },
 }
 
 /// A camera as the main thread sees it.
@@ -155,6 +157,7 @@ fn attend(
                     return how_it_went(cameras);
                 }
             }
+            Ok(Event::Progress { place, progress }) => service.tell(place, progress),
             Ok(Event::Collected(collected)) => service.conclude(*collected, cameras),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return how_it_went(cameras),

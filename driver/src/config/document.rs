@@ -1,17 +1,17 @@
 //! The file as written, and its way to a valid [`Config`].
 
+mod generate;
+
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use toml::Spanned;
-use uvcam_masker::generate::{CameraPlace, IgnoredRegion};
 use uvcam_shm_ipc::PixelFormat;
 
+use self::generate::GenerateTable;
 use super::error::Text;
-use super::{
-    CameraConfig, Config, ConfigError, Fault, FaultKind, Generate, Ipc, MaskChoice, Simulated, Source,
-};
+use super::{CameraConfig, Config, ConfigError, Fault, FaultKind, Ipc, MaskChoice, Simulated, Source};
 use crate::camera::Settings;
 
 #[derive(Deserialize)]
@@ -53,16 +53,6 @@ struct CameraTable {
     mask: Option<Spanned<String>>,
     #[serde(default)]
     generate: GenerateTable,
-}
-
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-struct GenerateTable {
-    exposure_us: Option<Spanned<f64>>,
-    gain_db: Option<Spanned<f64>>,
-    camera_place: Option<Spanned<String>>,
-    ignore: Option<Vec<Spanned<String>>>,
-    ignore_polygons: Option<Vec<Vec<(u32, u32)>>>,
 }
 
 #[derive(Deserialize)]
@@ -236,45 +226,6 @@ impl Reader<'_> {
         };
         let generate = self.generate(table.generate, &settings)?;
         Ok(CameraConfig { name, source, settings, mask, generate })
-    }
-
-    fn generate(&self, table: GenerateTable, settings: &Settings) -> Result<Generate, ConfigError> {
-        let mut ignored = match table.camera_place {
-            None => IgnoredRegion::default(),
-            Some(place) => {
-                let preset = match place.get_ref().as_str() {
-                    "left" => CameraPlace::Left,
-                    "right" => CameraPlace::Right,
-                    "back" => CameraPlace::Back,
-                    other => {
-                        let allowed = "\"left\", \"right\" or \"back\"";
-                        return Err(self.0.refuse(
-                            place.span(),
-                            "camera_place",
-                            format!("\"{other}\""),
-                            allowed,
-                        ));
-                    }
-                };
-                IgnoredRegion::preset(preset, settings.width, settings.height)
-            }
-        };
-        for text in table.ignore.unwrap_or_default() {
-            let allowed = "x0:x1:y0:y1 in pixels, an empty end for the image border";
-            let found = || format!("\"{}\"", text.get_ref());
-            let rectangle = text.get_ref().parse();
-            ignored
-                .rectangles
-                .push(rectangle.map_err(|_| self.0.refuse(text.span(), "ignore", found(), allowed))?);
-        }
-        ignored.polygons.extend(table.ignore_polygons.unwrap_or_default());
-        Ok(Generate {
-            exposure_us: self.value_or("exposure_us", table.exposure_us, 5000.0, EXPOSURE, |us| {
-                (1.0..=1e7).contains(us)
-            })?,
-            gain_db: self.value_or("gain_db", table.gain_db, 0.0, GAIN, |db| (-40.0..=80.0).contains(db))?,
-            ignored,
-        })
     }
 
     fn source(&self, table: Spanned<SourceTable>) -> Result<Source, ConfigError> {

@@ -12,7 +12,7 @@ use crate::control::{Ask, Desk, Reply};
 use crate::error::Error;
 use crate::frame_path::Command;
 use crate::generate::{Light, Order};
-use crate::generator::{Generator, Wish, store_of};
+use crate::generator::{Generator, Progress, Wish, store_of};
 
 /// Lit frames of a camera, or why there are none.
 pub(super) struct Collected {
@@ -77,7 +77,12 @@ impl Service {
         let order = Order {
             exposure_us: wish.exposure_us.unwrap_or(camera.config.generate.exposure_us),
             gain_db: wish.gain_db.unwrap_or(camera.config.generate.gain_db),
-            generator: Generator::new(wish, camera.config.generate.ignored.clone()),
+            generator: Generator::new(wish, &camera.config.generate),
+            progress: Box::new({
+                let events = events.clone();
+                // Nobody listens only while the driver ends.
+                move |progress| drop(events.send(Event::Progress { place, progress }))
+            }),
             cancelled: cancelled.clone(),
             done: Box::new(move |generator, light| {
                 // Nobody listens only while the driver ends.
@@ -87,6 +92,13 @@ impl Service {
         *work = Some(Work { question, accept, cancelled });
         // The thread is gone only where it panicked, which is reported at the end.
         let _ = camera.commands.send(Command::Generate(Box::new(order)));
+    }
+
+    /// Tells whoever waits for a mask how far it is.
+    pub(super) fn tell(&self, place: usize, progress: Progress) {
+        if let Some(work) = self.works.get(place).and_then(Option::as_ref) {
+            Reply::Collecting { progress }.send(&work.question);
+        }
     }
 
     /// Makes the mask from the lit frames, stores it, and answers.
@@ -109,8 +121,9 @@ fn conclude(
     light: Result<Light, Error>,
     accept: bool,
 ) -> Result<Reply, Error> {
-    let provenance = light?.provenance(generator.recipe());
-    let report = generator.finish()?.store(&camera.config, &provenance, accept)?;
+    let light = light?;
+    let generated = generator.finish(Some(light.applied.exposure_us))?;
+    let report = generated.store(&camera.config, light.provenance(), accept)?;
     if report.in_force {
         camera.reload_mask()?;
     }
