@@ -151,6 +151,10 @@ impl Mask {
         let (width, height) = gray.dimensions();
         let mut runs = Vec::new();
         for (row, pixels) in (0..height).zip(gray.as_raw().chunks_exact(width.max(1) as usize)) {
+            // Most rows have nothing masked, and are found to be so faster as a whole.
+            if pixels.iter().fold(u8::MAX, |least, value| least.min(*value)) >= threshold {
+                continue;
+            }
             let mut x = 0;
             for stretch in pixels.chunk_by(|a, b| (*a < threshold) == (*b < threshold)) {
                 let length = stretch.len() as u32;

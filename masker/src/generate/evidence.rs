@@ -123,32 +123,41 @@ impl Evidence {
 
     /// Image of the pixels, [`LIT`] where strongly lit in at least `needed` frames.
     pub(super) fn strong(&self, needed: u32) -> GrayImage {
-        self.image(|index| u32::from(self.strong[index]) >= needed)
+        let needed = saturated(needed);
+        self.image(&self.strong, |count| count >= needed)
     }
 
     /// Image of the pixels, [`LIT`] where at least faintly lit in at least `needed` frames.
     pub(super) fn faint(&self, needed: u32) -> GrayImage {
-        self.image(|index| u32::from(self.faint[index]) >= needed)
+        let needed = saturated(needed);
+        self.image(&self.faint, |count| count >= needed)
     }
 
     /// Image of the pixels, [`LIT`] where at least faintly lit in exactly one frame.
     pub(super) fn lit_once(&self) -> GrayImage {
-        self.image(|index| self.faint[index] == 1)
+        self.image(&self.faint, |count| count == 1)
     }
 
     /// Image of the pixels, [`LIT`] where strongly lit in some frames, but fewer than `needed`.
     pub(super) fn passing(&self, needed: u32) -> GrayImage {
-        self.image(|index| (1..needed).contains(&u32::from(self.strong[index])))
+        let needed = saturated(needed);
+        self.image(&self.strong, |count| count > 0 && count < needed)
     }
 
-    fn image(&self, is_lit: impl Fn(usize) -> bool) -> GrayImage {
+    fn image(&self, counts: &[u8], is_lit: impl Fn(u8) -> bool) -> GrayImage {
         let mut image = GrayImage::new(self.width, self.height);
-        let pixels: &mut [u8] = &mut image;
-        for index in self.considered.iter().cloned().flatten() {
-            pixels[index] = if is_lit(index) { LIT } else { 0 };
+        let all: &mut [u8] = &mut image;
+        for stretch in &self.considered {
+            let pixels = all[stretch.clone()].iter_mut().zip(&counts[stretch.clone()]);
+            pixels.for_each(|(pixel, count)| *pixel = if is_lit(*count) { LIT } else { 0 });
         }
         image
     }
+}
+
+/// A number of frames as it is counted for a pixel.
+fn saturated(frames: u32) -> u8 {
+    u8::try_from(frames).unwrap_or(u8::MAX)
 }
 
 fn histogram<'a>(stretches: impl Iterator<Item = &'a [u8]>) -> Histogram {

@@ -48,8 +48,8 @@ pub(super) fn find(evidence: &Evidence, parameters: &Parameters) -> Found {
 
     let mut airframe = evidence.faint(needed);
     let mut doubtful = airframe.clone();
-    keep(&mut airframe, |index| near.as_raw()[index] == LIT);
-    keep(&mut doubtful, |index| near.as_raw()[index] != LIT);
+    keep(&mut airframe, &near);
+    remove(&mut doubtful, &near);
     drop_specks(&mut doubtful, eta);
     let (candidates, uncertain_px) = (count(&airframe), count(&doubtful));
     let level = level(evidence, candidates.max(eta + 1), needed);
@@ -71,7 +71,7 @@ pub(super) fn find(evidence: &Evidence, parameters: &Parameters) -> Found {
             Finding::LampInside { slope_px: uncertain_px, place }
         });
     }
-    if by_chance_px > LIKELY_PX {
+    if evidence.frames < 2 || by_chance_px > LIKELY_PX {
         findings.push(Finding::TooFewFrames { frames: evidence.frames });
     }
     findings.extend(unstable(evidence, needed, &near, parameters));
@@ -89,18 +89,24 @@ fn near_strong(evidence: &Evidence, needed: u32, eta: usize) -> GrayImage {
 /// Number of pixels that are lit in one frame alone. The edge of what is lit in more of them is no passing light, though
 /// noise decides in how many of them it shows.
 fn passing_px(evidence: &Evidence, eta: usize) -> usize {
+    if evidence.frames < 2 {
+        return 0;
+    }
     let lasting = near_strong(evidence, 2, eta);
     let mut passing = evidence.lit_once();
-    keep(&mut passing, |index| lasting.as_raw()[index] != LIT);
+    remove(&mut passing, &lasting);
     count(&passing)
 }
 
 /// Strong light in too few frames, away from the airframe, in one piece larger than half the pen that draws the
 /// contours. Smaller ones are passing reflections.
 fn unstable(evidence: &Evidence, needed: u32, near: &GrayImage, parameters: &Parameters) -> Option<Finding> {
+    if needed < 2 {
+        return None;
+    }
     let pen_px = f64::from(parameters.kappa).powi(2) * std::f64::consts::FRAC_PI_4;
     let mut passing = evidence.passing(needed);
-    keep(&mut passing, |index| near.as_raw()[index] != LIT);
+    remove(&mut passing, near);
     drop_specks(&mut passing, (pen_px / 2.0) as usize);
     bounds(&passing).map(|place| Finding::Unstable { unsure_px: count(&passing), place, needed })
 }
@@ -112,11 +118,14 @@ pub(super) fn level(evidence: &Evidence, lit_px: usize, needed: u32) -> u8 {
     quantile(&evidence.histogram, (1.0 - brightest / 2.0).max(0.0)).unwrap_or(0.0) as u8
 }
 
-/// Darkens the pixels whose index does not fulfil the condition.
-fn keep(image: &mut GrayImage, condition: impl Fn(usize) -> bool) {
-    for (index, pixel) in image.iter_mut().enumerate() {
-        *pixel = if condition(index) { *pixel } else { 0 };
-    }
+/// Darkens the [`LIT`] pixels that are not [`LIT`] in `shape`.
+fn keep(image: &mut GrayImage, shape: &GrayImage) {
+    image.iter_mut().zip(shape.as_raw()).for_each(|(pixel, shape)| *pixel &= shape);
+}
+
+/// Darkens the [`LIT`] pixels that are [`LIT`] in `shape`.
+fn remove(image: &mut GrayImage, shape: &GrayImage) {
+    image.iter_mut().zip(shape.as_raw()).for_each(|(pixel, shape)| *pixel &= !shape);
 }
 
 /// The bounding box of the [`LIT`] pixels; `None` where there is none.

@@ -1,7 +1,7 @@
 //! The published method on one frame, equations 2 to 10 of "Towards Scalable and Fast UAV Deployment".
 
 use super::growth::grow;
-use super::neighbours::for_each_neighbourhood;
+use super::neighbours::visit_neighbourhoods;
 use super::polygon::PolygonFiller;
 use super::{GenerateError, LIT, Parameters};
 use crate::image::GrayImage;
@@ -34,9 +34,14 @@ pub(super) fn connect(candidates: &GrayImage, parameters: &Parameters) -> Result
             }
         }
     }
+    let start = || (GrayImage::new(candidates.width(), candidates.height()), PolygonFiller::default());
+    let drawn = visit_neighbourhoods(&points, &queried, parameters, start, |(drawn, filler), neighbours| {
+        filler.fill(drawn, neighbours);
+    })?;
     let mut shape = candidates.clone();
-    let mut filler = PolygonFiller::default();
-    for_each_neighbourhood(&points, &queried, parameters, |neighbours| filler.fill(&mut shape, neighbours))?;
+    for (drawn, _) in drawn {
+        shape.iter_mut().zip(drawn.as_raw()).for_each(|(pixel, drawn)| *pixel |= drawn);
+    }
     grow(&mut shape, parameters.kappa);
     Ok(shape)
 }

@@ -24,7 +24,8 @@ pub(super) fn drop_specks(image: &mut GrayImage, most_px: usize) {
             }
         }
     }
-    pixels.iter_mut().filter(|value| **value == SEEN).for_each(|value| *value = LIT);
+    // A loop without branches is done many pixels at a time.
+    pixels.iter_mut().for_each(|value| *value = if *value == SEEN { LIT } else { *value });
 }
 
 /// Value of lit pixels whose set has been collected.
