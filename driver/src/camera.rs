@@ -10,6 +10,8 @@ use std::time::Duration;
 
 use uvcam_shm_ipc::{PixelFormat, Slot};
 
+use crate::clock::DeviceClock;
+
 pub mod aravis;
 mod error;
 mod frame_id;
@@ -26,6 +28,11 @@ pub use error::CameraError;
 pub trait Camera {
     /// Who the device says it is.
     fn identity(&self) -> &Identity;
+
+    /// Which clock [`Capture::device_timestamp_ns`] is read from.
+    fn device_clock(&self) -> DeviceClock {
+        DeviceClock::default()
+    }
 
     /// Fixes exposure, gain, format, region and frame rate, with all automatics off, and reads every one of them back.
     ///
@@ -77,7 +84,7 @@ pub struct Capture {
     /// The device's own count of frames since `start`, freed from wrap-around: a step of `n` means that `n - 1` frames were
     /// produced and never delivered.
     pub frame_id: u64,
-    /// The device's clock in nanoseconds, at the instant that the device defines; `None` where it has no clock.
+    /// The device's clock in nanoseconds, at an instant that keeps its distance to the exposure; `None` where it has no clock.
     pub device_timestamp_ns: Option<u64>,
     /// CLOCK_MONOTONIC in nanoseconds when the frame was complete in memory.
     pub arrival_monotonic_ns: u64,

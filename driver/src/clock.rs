@@ -1,15 +1,130 @@
 //! When a frame was exposed, in terms of the host's clocks.
+//!
+//! Three clocks meet here. The device's clock is exact between frames and says nothing about the host's time. CLOCK_MONOTONIC is
+//! what consumers compute with; a frame's arrival is known in it, later than the frame by a delay that varies. CLOCK_REALTIME is
+//! comparable between UAVs and may step. [`ClockFit`] ties the first to the second; the third is added at the end, frame by frame,
+//! so that its steps bend no interval of the other two.
 
-use uvcam_shm_ipc::{FrameHeader, monotonic_ns, realtime_ns};
+use uvcam_shm_ipc::{Flags, FrameHeader, monotonic_ns, realtime_ns};
 
-/// Stamps the middle of the exposure from the frame's arrival.
-///
-/// Arrival is the end of the exposure plus readout and transfer, of which the host knows only that they fit into one frame
-/// period: that is the uncertainty.
-pub fn stamp_mid_exposure(header: &mut FrameHeader) {
-    let half_exposure_ns = (header.exposure_us * 500.0) as u64;
-    header.mid_exposure_monotonic_ns = header.arrival_monotonic_ns.saturating_sub(half_exposure_ns);
-    header.mid_exposure_uncertainty_ns = header.frame_period_ns;
-    let age_ns = monotonic_ns().saturating_sub(header.mid_exposure_monotonic_ns);
-    header.mid_exposure_realtime_ns = realtime_ns().saturating_sub(age_ns);
+mod counter;
+mod envelope;
+mod fit;
+
+pub use fit::{ClockFit, Placed};
+
+/// Which clock a camera's timestamps are read from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum DeviceClock {
+    /// The device's own, which starts anywhere and drifts.
+    Own {
+        /// Nanoseconds from one tick of the counter to the next (SFNC `TimestampIncrement`).
+        increment_ns: f64,
+    },
+    /// CLOCK_MONOTONIC, read by the kernel or the device at the start of the exposure.
+    HostAtExposureStart,
+}
+
+impl Default for DeviceClock {
+    /// A counter of nanoseconds.
+    fn default() -> Self {
+        DeviceClock::Own { increment_ns: 1.0 }
+    }
+}
+
+/// Stamps the frames of one epoch.
+#[derive(Debug, Default)]
+pub struct FrameClock {
+    clock: DeviceClock,
+    fit: ClockFit,
+}
+
+impl FrameClock {
+    /// For a camera with this clock, from its first frame on.
+    pub fn new(clock: DeviceClock) -> Self {
+        let increment_ns = match clock {
+            DeviceClock::Own { increment_ns } => increment_ns,
+            DeviceClock::HostAtExposureStart => 1.0,
+        };
+        FrameClock { clock, fit: ClockFit::new(increment_ns) }
+    }
+
+    /// Writes the stamps and [`Flags::NO_DEVICE_CLOCK`], from the header's arrival, exposure and frame period. To be called once for
+    /// every frame, in their order. Allocates nothing; takes below a microsecond.
+    ///
+    /// Arrival, freed from what varies, is the end of the exposure plus the time that readout and transfer always take. Of these the
+    /// host knows only that they fit into one frame period, which is therefore part of the uncertainty; it is the same for all frames
+    /// of an epoch, so that intervals are far better than single stamps.
+    pub fn stamp(&mut self, header: &mut FrameHeader, device_timestamp_ns: Option<u64>) {
+        let half_exposure_ns = (header.exposure_us * 500.0) as u64;
+        let arrival_ns = header.arrival_monotonic_ns;
+        header.device_timestamp_ns = device_timestamp_ns.unwrap_or(0);
+        header.set_flag(Flags::NO_DEVICE_CLOCK, device_timestamp_ns.is_none());
+        (header.mid_exposure_monotonic_ns, header.mid_exposure_uncertainty_ns) =
+            match (device_timestamp_ns, self.clock) {
+                (None, _) => (arrival_ns.saturating_sub(half_exposure_ns), header.frame_period_ns),
+                (Some(start_ns), DeviceClock::HostAtExposureStart) => {
+                    (start_ns.saturating_add(half_exposure_ns), half_exposure_ns)
+                }
+                (Some(device_ns), DeviceClock::Own { .. }) => {
+                    let placed = self.fit.place(device_ns, arrival_ns);
+                    let fit_ns = placed.uncertainty_ns.unwrap_or(header.frame_period_ns);
+                    (
+                        placed.arrival_ns.saturating_sub(half_exposure_ns),
+                        header.frame_period_ns.saturating_add(fit_ns),
+                    )
+                }
+            };
+        let age_ns = monotonic_ns().saturating_sub(header.mid_exposure_monotonic_ns);
+        header.mid_exposure_realtime_ns = realtime_ns().saturating_sub(age_ns);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use uvcam_shm_ipc::PixelFormat;
+
+    use super::*;
+
+    fn header(arrival_monotonic_ns: u64) -> FrameHeader {
+        FrameHeader {
+            exposure_us: 1000.0,
+            frame_period_ns: 16_666_667,
+            arrival_monotonic_ns,
+            ..FrameHeader::new(64, 48, 64, PixelFormat::Mono8)
+        }
+    }
+
+    #[test]
+    fn without_a_device_clock_it_is_arrival_minus_half_the_exposure() {
+        let mut header = header(5_000_000_000);
+        FrameClock::new(DeviceClock::default()).stamp(&mut header, None);
+        assert!(header.flags.contains(Flags::NO_DEVICE_CLOCK));
+        assert_eq!(header.device_timestamp_ns, 0);
+        assert_eq!(header.mid_exposure_monotonic_ns, 4_999_500_000);
+        assert_eq!(header.mid_exposure_uncertainty_ns, header.frame_period_ns);
+    }
+
+    #[test]
+    fn a_stamp_of_the_hosts_own_clock_needs_no_fit() {
+        let mut header = header(5_000_000_000);
+        FrameClock::new(DeviceClock::HostAtExposureStart).stamp(&mut header, Some(4_990_000_000));
+        assert!(!header.flags.contains(Flags::NO_DEVICE_CLOCK));
+        assert_eq!(header.mid_exposure_monotonic_ns, 4_990_500_000);
+        assert_eq!(header.mid_exposure_uncertainty_ns, 500_000);
+    }
+
+    #[test]
+    fn the_device_clock_takes_the_jitter_out_of_arrivals() {
+        let mut clock = FrameClock::new(DeviceClock::default());
+        let mut stamps = Vec::new();
+        for frame in 0..4 {
+            let exact_ns = frame * 16_666_667;
+            let mut header = header(5_000_000_000 + exact_ns + 200_000 * (frame % 2));
+            clock.stamp(&mut header, Some(77 + exact_ns));
+            assert_eq!(header.device_timestamp_ns, 77 + exact_ns);
+            stamps.push(header.mid_exposure_monotonic_ns);
+        }
+        assert!(stamps.windows(2).all(|pair| pair[1] - pair[0] == 16_666_667), "{stamps:?}");
+    }
 }

@@ -13,7 +13,7 @@ use uvcam_masker::ImageViewMut;
 use uvcam_shm_ipc::{FrameHeader, Publisher, Slot, monotonic_ns};
 
 use crate::camera::{Applied, Camera, CameraError, Capture, Event};
-use crate::clock;
+use crate::clock::FrameClock;
 use crate::error::Error;
 use crate::generate::Order;
 use crate::mask::MaskInForce;
@@ -81,6 +81,7 @@ pub struct Position {
     /// Slots that the camera holds.
     queued: usize,
     last_published_id: Option<u64>,
+    clock: FrameClock,
 }
 
 impl FramePath<'_> {
@@ -91,6 +92,7 @@ impl FramePath<'_> {
     /// What ended the epoch. The camera is to be dropped.
     pub fn run(&mut self, stop: &AtomicBool, streaming: impl FnOnce()) -> Result<Option<Box<Order>>, Error> {
         add(&self.counters.epochs, 1);
+        self.position.clock = FrameClock::new(self.camera.device_clock());
         self.fill_queue()?;
         self.camera.start()?;
         let patience_ns = SILENCE_NS.max(10 * self.header.frame_period_ns);
@@ -141,10 +143,8 @@ impl FramePath<'_> {
         };
         self.apply_mask(&mut slot)?;
         self.header.device_frame_id = frame_id;
-        self.header.device_timestamp_ns = device_timestamp_ns.unwrap_or(0);
-        self.header.set_flag(uvcam_shm_ipc::Flags::NO_DEVICE_CLOCK, device_timestamp_ns.is_none());
         self.header.arrival_monotonic_ns = arrival_monotonic_ns;
-        clock::stamp_mid_exposure(&mut self.header);
+        self.position.clock.stamp(&mut self.header, device_timestamp_ns);
         self.publisher.publish(slot, &self.header)?;
         self.header.sequence += 1;
         self.position.last_published_id = Some(frame_id);

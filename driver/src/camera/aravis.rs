@@ -12,6 +12,7 @@ use uvcam_shm_ipc::Slot;
 
 use super::frame_id::FrameIdUnwrapper;
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
+use crate::clock::DeviceClock;
 use features::{Features, failed};
 use stream::SlotStream;
 
@@ -40,7 +41,8 @@ pub struct AravisCamera {
     control_lost: Arc<AtomicBool>,
     applied: Option<Applied>,
     frame_ids: FrameIdUnwrapper,
-    has_clock: bool,
+    /// Ticks a second of the device's clock; 0 where it has none.
+    tick_frequency_hz: f64,
 }
 
 impl AravisCamera {
@@ -53,14 +55,16 @@ impl AravisCamera {
     pub fn open(serial: &str) -> Result<Self, CameraError> {
         let discovery::Opened { camera, identity } = discovery::open(serial)?;
         let control_lost = Arc::new(AtomicBool::new(false));
-        let mut has_clock = true;
+        // USB3 Vision counts nanoseconds.
+        let mut tick_frequency_hz = 1e9;
         if let Some(device) = camera.device() {
             let flag = Arc::clone(&control_lost);
             // On a thread of the library: nothing but the flag. Relaxed, as it carries no data.
             device.connect_control_lost(move |_| flag.store(true, Ordering::Relaxed));
             if let Some(device) = device.downcast_ref::<GvDevice>() {
                 // Without a frequency the library stamps with the host's clock instead.
-                has_clock = device.timestamp_tick_frequency().is_ok_and(|frequency| frequency > 0);
+                tick_frequency_hz =
+                    device.timestamp_tick_frequency().map_or(0.0, |frequency| frequency as f64);
             }
         }
         Ok(AravisCamera {
@@ -70,7 +74,7 @@ impl AravisCamera {
             control_lost,
             applied: None,
             frame_ids: FrameIdUnwrapper::default(),
-            has_clock,
+            tick_frequency_hz,
         })
     }
 
@@ -97,6 +101,13 @@ impl AravisCamera {
 impl Camera for AravisCamera {
     fn identity(&self) -> &Identity {
         &self.identity
+    }
+
+    fn device_clock(&self) -> DeviceClock {
+        match self.tick_frequency_hz > 0.0 {
+            true => DeviceClock::Own { increment_ns: 1e9 / self.tick_frequency_hz },
+            false => DeviceClock::default(),
+        }
     }
 
     fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError> {
@@ -157,7 +168,7 @@ impl Camera for AravisCamera {
         Ok(Event::Complete(Capture {
             slot: filled.slot,
             frame_id: self.frame_ids.unwrap(frame.id),
-            device_timestamp_ns: self.has_clock.then_some(frame.timestamp_ns),
+            device_timestamp_ns: (self.tick_frequency_hz > 0.0).then_some(frame.timestamp_ns),
             arrival_monotonic_ns: filled.arrival_monotonic_ns,
         }))
     }
