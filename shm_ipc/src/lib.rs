@@ -3,8 +3,8 @@
 //! A consumer needs this crate alone. The driver fills a [`Slot`] of shared memory and publishes it with a [`FrameHeader`];
 //! a consumer reads the same memory as a [`Frame`]. Nobody copies pixels.
 //!
-//! One camera is two iceoryx2 services: `uvcam/v1/<camera>/frames` carries the frames, `uvcam/v1/<camera>/wake` wakes consumers
-//! that sleep. The driver alone creates them; driver and consumers agree on [`Settings::prefix`] and [`Settings::root_path`], and
+//! One camera is two iceoryx2 services: `uvcam/v1/<camera>/frames` carries the frames, `uvcam/v1/<camera>/wake` is the event for a
+//! `WaitSet`. A consumer that only waits for a frame sleeps on a futex instead ([`Wakeup`]). The driver alone creates them; driver and consumers agree on [`Settings::prefix`] and [`Settings::root_path`], and
 //! run under one user.
 //!
 //! A consumer that is slow, stuck or killed neither delays the driver nor takes its slots: the oldest frame that it has not
@@ -22,6 +22,8 @@ mod resident;
 mod service;
 mod settings;
 mod subscriber;
+mod wake;
+mod wakeup;
 
 pub use cleanup::cleanup_dead_nodes;
 pub use clock::{monotonic_ns, realtime_ns};
@@ -32,3 +34,4 @@ pub use publisher::{Publisher, Slot};
 pub use service::{frame_service_name, wake_service_name};
 pub use settings::Settings;
 pub use subscriber::{Frame, Subscriber};
+pub use wakeup::Wakeup;

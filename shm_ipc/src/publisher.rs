@@ -24,6 +24,7 @@ use crate::header::FrameHeader;
 use crate::resident;
 use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::settings::{SHARED_MEMORY, Settings, shared_memory_needed, slots_needed};
+use crate::wake::WakeWord;
 
 /// How long [`Publisher::create`] waits for a predecessor to go and for consumers to let go of services that do not fit.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -33,7 +34,8 @@ const RETRY: Duration = Duration::from_millis(20);
 /// Publishes the frames of one camera. There is one for each camera on a host.
 #[derive(Debug)]
 pub struct Publisher {
-    // Dropped in this order: a successor that finds no publisher finds no notifier either.
+    // Dropped in this order: a successor that finds no publisher finds no notifier either, and the name of the wake word is free.
+    wake_word: Removed,
     notifier: Notifier<Ipc>,
     publisher: iceoryx2::port::publisher::Publisher<Ipc, [u8], FrameHeader>,
     wake: WakeService,
@@ -42,6 +44,16 @@ pub struct Publisher {
     frame_bytes: usize,
     loans: usize,
     loss: Mutex<Loss>,
+}
+
+/// The wake word; its file goes with it.
+#[derive(Debug)]
+struct Removed(WakeWord);
+
+impl Drop for Removed {
+    fn drop(&mut self) {
+        self.0.remove();
+    }
 }
 
 /// What [`FrameHeader::lost_in_epoch`] sums up.
@@ -120,8 +132,21 @@ impl Publisher {
             .notifier_builder()
             .create()
             .map_err(|source| address.failed("creating the notifier of", address.wake_name(), source))?;
-        let loss = Mutex::default();
-        let publisher = Publisher { notifier, publisher, wake, frames, address, frame_bytes, loans, loss };
+        let path = address.wake_word();
+        let wake_word = WakeWord::create(&path).map_err(|source| {
+            address.failed("creating the wake word", &path.display().to_string(), source)
+        })?;
+        let publisher = Publisher {
+            wake_word: Removed(wake_word),
+            notifier,
+            publisher,
+            wake,
+            frames,
+            address,
+            frame_bytes,
+            loans,
+            loss: Mutex::default(),
+        };
         publisher.take_memory()?;
         Ok(publisher)
     }
@@ -167,8 +192,9 @@ impl Publisher {
         let reached = slot.sample.send().map_err(|source| {
             self.address.failed("sending a frame through", self.address.frames_name(), source)
         })?;
+        self.wake_word.0.announce();
         if self.wake.dynamic_config().number_of_listeners() > 0 {
-            // The frame is out. A consumer that cannot be woken finds it when its own wait ends.
+            // As for the wake word: who cannot be woken finds the frame when its own wait ends.
             let _ = self.notifier.notify();
         }
         Ok(reached)

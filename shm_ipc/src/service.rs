@@ -1,5 +1,6 @@
 //! The two services of a camera: their names, how they are made, found and cleaned up.
 
+use std::path::{Path, PathBuf};
 use std::sync::Once;
 
 use iceoryx2::config::Config;
@@ -14,7 +15,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use crate::cleanup::half_made;
 use crate::error::IpcError;
 use crate::header::{CONTRACT_VERSION, FrameHeader};
-use crate::settings::{Settings, is_name};
+use crate::settings::{SHARED_MEMORY, Settings, is_name};
 
 /// Ports behind a mutex, so that slots and frames may go from thread to thread; 0.2 us a call over `ipc` where the cache is warm.
 pub(crate) type Ipc = ipc_threadsafe::Service;
@@ -26,7 +27,7 @@ pub fn frame_service_name(camera: &str) -> String {
     format!("uvcam/v{CONTRACT_VERSION}/{camera}/frames")
 }
 
-/// Name of the event service that wakes sleeping consumers of `camera`.
+/// Name of the event service of `camera`, for consumers that attach it to a `WaitSet`: notified after every frame.
 pub fn wake_service_name(camera: &str) -> String {
     format!("uvcam/v{CONTRACT_VERSION}/{camera}/wake")
 }
@@ -150,6 +151,11 @@ impl Address {
 
     pub(crate) fn wake_name(&self) -> &str {
         self.wake.as_str()
+    }
+
+    /// The page of the camera's wake word.
+    pub(crate) fn wake_word(&self) -> PathBuf {
+        Path::new(SHARED_MEMORY).join(format!("{}{}.wake", self.config.global.prefix, self.camera))
     }
 
     fn root_path(&self) -> &str {

@@ -16,11 +16,14 @@ use iceoryx2::prelude::PortFactory;
 use iceoryx2::sample::Sample;
 
 use crate::cleanup::cleanup;
+use crate::clock::monotonic_ns;
 use crate::continuity::{Continuity, Step};
 use crate::error::IpcError;
 use crate::header::FrameHeader;
 use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::settings::Settings;
+use crate::wake::WakeWord;
+use crate::wakeup::{Prediction, Wakeup, Watch, until};
 
 /// Time between attempts to find a driver.
 const RETRY: Duration = Duration::from_millis(50);
@@ -42,6 +45,8 @@ pub struct Subscriber {
     last_attempt: Option<Instant>,
     failing_since: Option<Instant>,
     continuity: Continuity,
+    wakeup: Wakeup,
+    prediction: Prediction,
     frames: u64,
     lost: u64,
     epochs: u64,
@@ -66,6 +71,8 @@ impl Subscriber {
             last_attempt: None,
             failing_since: None,
             continuity: Continuity::default(),
+            wakeup: Wakeup::default(),
+            prediction: Prediction::default(),
             frames: 0,
             lost: 0,
             epochs: 0,
@@ -112,7 +119,12 @@ impl Subscriber {
         Ok(None)
     }
 
-    /// Sleeps until a frame may be there, at most `timeout`. Returns whether one is. Works where the driver is not there yet, dies,
+    /// Chooses how [`Subscriber::wait`] waits.
+    pub fn set_wakeup(&mut self, wakeup: Wakeup) {
+        self.wakeup = wakeup;
+    }
+
+    /// Waits until a frame may be there, at most `timeout`. Returns whether one is. Works where the driver is not there yet, dies,
     /// comes back, or makes its services anew. A signal handler does not end it.
     ///
     /// # Errors
@@ -121,6 +133,8 @@ impl Subscriber {
         let begin = Instant::now();
         loop {
             self.look_after_link()?;
+            // Before the look for a frame: one that comes after it is seen by the sleep.
+            let seen = self.link.as_ref().map_or(0, Link::announced);
             if self.has_unread() {
                 return Ok(true);
             }
@@ -130,7 +144,17 @@ impl Subscriber {
             }
             match &mut self.link {
                 None => std::thread::sleep(left.min(RETRY)),
-                Some(link) => link.sleep(left.min(NAP), &self.address)?,
+                Some(link) if self.wakeup == Wakeup::Event => link.listen(left.min(NAP), &self.address)?,
+                Some(link) => {
+                    let watch = match self.wakeup {
+                        Wakeup::Predictive => self.prediction.next(monotonic_ns()),
+                        _ => None,
+                    };
+                    match watch {
+                        Some(watch) => link.watch(seen, watch, left.min(NAP), &mut self.prediction),
+                        None => link.sleep(seen, left.min(NAP), &self.address)?,
+                    }
+                }
             }
         }
     }
@@ -167,6 +191,7 @@ impl Subscriber {
         image_bytes: usize,
     ) -> Frame {
         let step = self.continuity.step(&header);
+        self.prediction.frame(&header);
         self.last_sign_of_life = Instant::now();
         if self.frames == 0 || step.epoch_changed {
             self.epochs += 1;
@@ -241,8 +266,10 @@ impl Subscriber {
 /// A connection to the services of a camera. Ports are dropped before the services that they belong to.
 #[derive(Debug)]
 struct Link {
-    /// Made by the first sleep: whoever polls costs the driver no wake-up.
+    /// Made by the first wait for the event: nobody else costs the driver its notification.
     listener: Option<Listener<Ipc>>,
+    /// Missing where the driver is just about to make it.
+    wake_word: Option<WakeWord>,
     subscriber: iceoryx2::port::subscriber::Subscriber<Ipc, [u8], FrameHeader>,
     wake: WakeService,
     frames: FrameService,
@@ -254,7 +281,10 @@ impl Link {
         let subscriber =
             frames.subscriber_builder().set_degradation_handler(|_, _| DegradationAction::DegradeAndFail);
         match subscriber.create() {
-            Ok(subscriber) => Ok(Some(Link { listener: None, subscriber, wake, frames })),
+            Ok(subscriber) => {
+                let wake_word = open_wake_word(address)?;
+                Ok(Some(Link { listener: None, wake_word, subscriber, wake, frames }))
+            }
             Err(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
                 Err(IpcError::TooManyConsumers(address.frames_name().to_owned()))
             }
@@ -262,9 +292,44 @@ impl Link {
         }
     }
 
-    /// Sleeps until the driver wakes it, at most `timeout`. The first call returns at once: a frame may have come before the driver
-    /// knew that somebody sleeps.
-    fn sleep(&mut self, timeout: Duration, address: &Address) -> Result<(), IpcError> {
+    /// Frames that the wake word has announced.
+    fn announced(&self) -> u32 {
+        self.wake_word.as_ref().map_or(0, WakeWord::frames)
+    }
+
+    /// Sleeps on the wake word until more frames are announced than were `seen`, at most `timeout`.
+    fn sleep(&mut self, seen: u32, timeout: Duration, address: &Address) -> Result<(), IpcError> {
+        let Some(word) = &self.wake_word else {
+            std::thread::sleep(timeout.min(RETRY));
+            self.wake_word = open_wake_word(address)?;
+            return Ok(());
+        };
+        if word.sleep(seen, timeout) && !word.is_current() {
+            self.wake_word = open_wake_word(address)?;
+        }
+        Ok(())
+    }
+
+    /// Sleeps until a frame is soon due, then watches the wake word for it.
+    fn watch(&self, seen: u32, watch: Watch, timeout: Duration, prediction: &mut Prediction) {
+        let Some(word) = &self.wake_word else { return };
+        let now_ns = monotonic_ns();
+        let nap = until(watch.from_ns, now_ns);
+        if nap > timeout {
+            word.sleep(seen, timeout);
+            return;
+        }
+        if !nap.is_zero() && word.sleep_exactly(seen, nap) {
+            prediction.overslept(watch.from_ns, monotonic_ns());
+        }
+        while word.frames() == seen && monotonic_ns() < watch.until_ns {
+            std::hint::spin_loop();
+        }
+    }
+
+    /// Sleeps until the driver notifies the event, at most `timeout`. The first call returns at once: a frame may have come before the
+    /// driver knew that somebody listens.
+    fn listen(&mut self, timeout: Duration, address: &Address) -> Result<(), IpcError> {
         let Some(listener) = &self.listener else {
             let listener = self.wake.listener_builder().create().map_err(|source| match source {
                 ListenerCreateError::ExceedsMaxSupportedListeners => {
@@ -288,6 +353,12 @@ impl Link {
         }
         self.frames.dynamic_config().number_of_publishers() == 0 || !address.leads_to(&self.frames)
     }
+}
+
+fn open_wake_word(address: &Address) -> Result<Option<WakeWord>, IpcError> {
+    let path = address.wake_word();
+    WakeWord::open(&path)
+        .map_err(|source| address.failed("opening the wake word", &path.display().to_string(), source))
 }
 
 /// One frame, in the memory that the driver wrote. Dropped, it gives its slot back; a consumer may hold

@@ -1,0 +1,266 @@
+//! The wake word: how a driver wakes consumers that only wait for a frame, in a tenth of the time that an event takes.
+//!
+//! One page of shared memory for each camera, `/dev/shm/<prefix><camera>.wake`, which the driver makes with its publisher and removes
+//! when it stops. Part of the contract, little-endian:
+//!
+//! | bytes | what |
+//! | --- | --- |
+//! | 0..4 | "UVCW" |
+//! | 4..8 | [`CONTRACT_VERSION`] |
+//! | 64..68 | the wake word, a futex (futex(2)) that processes share |
+//!
+//! Bit 0 of the word says that somebody sleeps; the other bits count frames and wrap.
+//!
+//! * After a frame is sent, the driver exchanges the word for the next count with bit 0 cleared, and wakes all sleepers where bit 0 was
+//!   set. Nobody asleep means no system call.
+//! * A consumer reads the word, looks for a frame, sets bit 0 where it finds none, and sleeps as long as the word is what it made it. A
+//!   frame sent in between changes the word, so that no wake-up is missed.
+//! * Count and bit are one word: whoever dies, at whatever point, leaves nothing behind that the next frame does not clear. A driver
+//!   that starts takes over the page of one that was killed, sleepers included.
+//! * A sleep ends after 100 ms at the latest, for a look at whether driver and page are still the right ones.
+//!
+//! Laws of its memory:
+//! 1. The mapping covers the whole page and lives as long as the [`WakeWord`]; the page is checked to have its size before it is used, and
+//!    nobody makes it smaller: driver and consumers run under one user.
+//! 2. The page is reached through atomics alone, as other processes write to it.
+
+use std::fs::{self, File, OpenOptions};
+use std::io;
+use std::num::NonZeroU64;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::ptr::{self, NonNull};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+use rustix::fs::{FallocateFlags, fallocate};
+use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
+use rustix::thread::{current_timer_slack, futex, set_current_timer_slack};
+
+use crate::header::CONTRACT_VERSION;
+
+const MAGIC: u32 = u32::from_le_bytes(*b"UVCW");
+const PAGE_BYTES: usize = 4096;
+/// Where the word lies, in units of four bytes: on a cache line of its own.
+const WORD: usize = 16;
+/// Somebody sleeps.
+const ASLEEP: u32 = 1;
+
+/// The wake word of one camera.
+#[derive(Debug)]
+pub(crate) struct WakeWord {
+    page: NonNull<AtomicU32>,
+    path: PathBuf,
+    /// Device and inode of the file: a name can lead elsewhere later.
+    file: (u64, u64),
+}
+
+// SAFETY: law 2: any number of threads and processes may use the page at the same time.
+unsafe impl Send for WakeWord {}
+// SAFETY: law 2, as above.
+unsafe impl Sync for WakeWord {}
+
+impl WakeWord {
+    /// The driver's side: makes the page, or takes over the one of a driver that was killed.
+    pub(crate) fn create(path: &Path) -> io::Result<WakeWord> {
+        let file =
+            OpenOptions::new().read(true).write(true).create(true).mode(0o600).truncate(false).open(path)?;
+        // Taken now: to write to a page that a full /dev/shm does not have ends a process with SIGBUS.
+        fallocate(&file, FallocateFlags::empty(), 0, PAGE_BYTES as u64)?;
+        let word = WakeWord::map(&file, path)?;
+        word.at(1).store(u32::from(CONTRACT_VERSION), Ordering::Relaxed);
+        // Release, paired with the Acquire in `open`: who sees the magic sees the version.
+        word.at(0).store(MAGIC, Ordering::Release);
+        Ok(word)
+    }
+
+    /// A consumer's side; `None` where there is no page, or one that is not finished or not of this contract.
+    pub(crate) fn open(path: &Path) -> io::Result<Option<WakeWord>> {
+        let file = match OpenOptions::new().read(true).write(true).open(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            file => file?,
+        };
+        if file.metadata()?.len() != PAGE_BYTES as u64 {
+            return Ok(None);
+        }
+        let word = WakeWord::map(&file, path)?;
+        // Acquire, paired with the Release in `create`.
+        let ours = word.at(0).load(Ordering::Acquire) == MAGIC
+            && word.at(1).load(Ordering::Relaxed) == u32::from(CONTRACT_VERSION);
+        Ok(ours.then_some(word))
+    }
+
+    fn map(file: &File, path: &Path) -> io::Result<WakeWord> {
+        let found = file.metadata()?;
+        let access = ProtFlags::READ | ProtFlags::WRITE;
+        // SAFETY: a new mapping, at an address of the kernel's choice, touches no other memory.
+        let page = unsafe { mmap(ptr::null_mut(), PAGE_BYTES, access, MapFlags::SHARED, file, 0) }?;
+        let page = NonNull::new(page.cast()).ok_or(io::ErrorKind::AddrNotAvailable)?;
+        Ok(WakeWord { page, path: path.to_owned(), file: (found.dev(), found.ino()) })
+    }
+
+    fn at(&self, place: usize) -> &AtomicU32 {
+        debug_assert!(place < PAGE_BYTES / size_of::<AtomicU32>());
+        // SAFETY: laws 1 and 2; every place used here lies in the page.
+        unsafe { self.page.add(place).as_ref() }
+    }
+
+    /// The driver's side: a frame was sent. Wakes whoever sleeps.
+    pub(crate) fn announce(&self) {
+        let word = self.at(WORD);
+        let next = (word.load(Ordering::Relaxed) | ASLEEP).wrapping_add(1);
+        // Release, paired with the Acquire in `frames`: who sees the count sees the frame.
+        if word.swap(next, Ordering::AcqRel) & ASLEEP != 0 {
+            // The frame is out. A consumer that cannot be woken finds it when its own sleep ends.
+            let _ = futex::wake(word, futex::Flags::empty(), i32::MAX as u32);
+        }
+    }
+
+    /// Frames announced so far, up to wrap-around: to be read before a look for a frame.
+    pub(crate) fn frames(&self) -> u32 {
+        // Acquire, paired with the Release in `announce`.
+        self.at(WORD).load(Ordering::Acquire) & !ASLEEP
+    }
+
+    /// Sleeps until a frame is announced after `seen` of [`WakeWord::frames`], at most `timeout`. May return early. Returns whether
+    /// all of the time passed.
+    pub(crate) fn sleep(&self, seen: u32, timeout: Duration) -> bool {
+        let word = self.at(WORD);
+        // Fails where a frame was sent, and where another consumer said it before: the kernel compares the word again, and tells these
+        // apart. Relaxed, as it orders nothing.
+        let _ = word.compare_exchange(seen, seen | ASLEEP, Ordering::Relaxed, Ordering::Relaxed);
+        let Ok(timeout) = timeout.try_into() else { return false };
+        let outcome = futex::wait(word, futex::Flags::empty(), seen | ASLEEP, Some(&timeout));
+        outcome == Err(rustix::io::Errno::TIMEDOUT)
+    }
+
+    /// As [`WakeWord::sleep`], for a `timeout` that is to be met: without the 50 us that the system may add to it (PR_SET_TIMERSLACK,
+    /// prctl(2)).
+    pub(crate) fn sleep_exactly(&self, seen: u32, timeout: Duration) -> bool {
+        let usual = current_timer_slack().ok().and_then(NonZeroU64::new);
+        let _ = set_current_timer_slack(NonZeroU64::new(1));
+        let passed = self.sleep(seen, timeout);
+        // The thread is the consumer's.
+        let _ = set_current_timer_slack(usual);
+        passed
+    }
+
+    /// Whether its name still leads to this page: a driver that starts anew makes another one.
+    pub(crate) fn is_current(&self) -> bool {
+        fs::metadata(&self.path).is_ok_and(|found| (found.dev(), found.ino()) == self.file)
+    }
+
+    /// The driver's side, while no other driver can have taken the page over: removes the file. Who has it mapped keeps it.
+    pub(crate) fn remove(&self) {
+        if self.is_current() {
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+impl Drop for WakeWord {
+    fn drop(&mut self) {
+        // SAFETY: law 1: the mapping is this value's own, and no reference outlives it.
+        let _ = unsafe { munmap(self.page.as_ptr().cast(), PAGE_BYTES) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LONG: Duration = Duration::from_secs(20);
+
+    fn page() -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::tempdir_in("/dev/shm").unwrap();
+        let path = folder.path().join("left.wake");
+        (folder, path)
+    }
+
+    #[test]
+    fn a_frame_before_the_sleep_is_not_missed() {
+        let (_folder, path) = page();
+        let driver = WakeWord::create(&path).unwrap();
+        let consumer = WakeWord::open(&path).unwrap().unwrap();
+        let seen = consumer.frames();
+        driver.announce();
+        assert!(!consumer.sleep(seen, LONG));
+        assert_ne!(consumer.frames(), seen);
+    }
+
+    #[test]
+    fn all_sleepers_wake() {
+        let (_folder, path) = page();
+        let driver = WakeWord::create(&path).unwrap();
+        std::thread::scope(|scope| {
+            let sleepers: Vec<_> = (0..6)
+                .map(|_| {
+                    let consumer = WakeWord::open(&path).unwrap().unwrap();
+                    let seen = consumer.frames();
+                    scope.spawn(move || while consumer.frames() == seen && !consumer.sleep(seen, LONG) {})
+                })
+                .collect();
+            while driver.at(WORD).load(Ordering::Relaxed) & ASLEEP == 0 {
+                std::thread::yield_now();
+            }
+            driver.announce();
+            sleepers.into_iter().for_each(|sleeper| sleeper.join().unwrap());
+        });
+    }
+
+    #[test]
+    fn nobody_asleep_costs_no_wake_up_and_a_dead_sleeper_only_one() {
+        let (_folder, path) = page();
+        let driver = WakeWord::create(&path).unwrap();
+        let word = || driver.at(WORD).load(Ordering::Relaxed);
+        driver.announce();
+        assert_eq!(word() & ASLEEP, 0);
+        // As a consumer that dies asleep leaves it.
+        assert!(driver.sleep(driver.frames(), Duration::from_millis(1)));
+        assert_eq!(word() & ASLEEP, ASLEEP);
+        let frames = driver.frames();
+        driver.announce();
+        assert_eq!(word(), frames + 2);
+    }
+
+    #[test]
+    fn the_count_wraps() {
+        let (_folder, path) = page();
+        let driver = WakeWord::create(&path).unwrap();
+        driver.at(WORD).store(u32::MAX, Ordering::Relaxed);
+        let seen = driver.frames();
+        driver.announce();
+        assert_eq!(driver.frames(), 0);
+        assert!(!driver.sleep(seen, LONG));
+    }
+
+    #[test]
+    fn a_driver_takes_over_the_page_of_a_killed_one_and_makes_another_after_a_clean_end() {
+        let (_folder, path) = page();
+        assert!(WakeWord::open(&path).unwrap().is_none());
+        let first = WakeWord::create(&path).unwrap();
+        first.announce();
+        let consumer = WakeWord::open(&path).unwrap().unwrap();
+        drop(first);
+        let second = WakeWord::create(&path).unwrap();
+        let seen = consumer.frames();
+        second.announce();
+        assert_ne!(consumer.frames(), seen);
+        second.remove();
+        assert!(!consumer.is_current());
+        let third = WakeWord::create(&path).unwrap();
+        assert!(!consumer.is_current() && third.is_current());
+        // The one before does not remove what is its successor's.
+        second.remove();
+        assert!(third.is_current());
+    }
+
+    #[test]
+    fn a_page_that_is_not_finished_is_none() {
+        let (_folder, path) = page();
+        fs::write(&path, "").unwrap();
+        assert!(WakeWord::open(&path).unwrap().is_none());
+        fs::write(&path, [0; PAGE_BYTES]).unwrap();
+        assert!(WakeWord::open(&path).unwrap().is_none());
+    }
+}

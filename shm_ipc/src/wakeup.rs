@@ -1,0 +1,159 @@
+//! How a consumer waits: the choice, and when the next frame is due.
+
+use std::time::Duration;
+
+use crate::header::FrameHeader;
+
+/// How [`Subscriber::wait`](crate::Subscriber::wait) waits for a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wakeup {
+    /// Sleeps on the camera's wake word. Costs nothing while it sleeps.
+    #[default]
+    Futex,
+    /// Sleeps until shortly before the next frame is due, then watches for it, for at most 1 % of the frame period; then sleeps as
+    /// [`Wakeup::Futex`]. For cameras with a steady rate, the shortest wake-up of a consumer that leaves its core to others.
+    Predictive,
+    /// Sleeps on the camera's iceoryx2 event, as a `WaitSet` does that the event is attached to. Slower to wake, and slower for the driver.
+    Event,
+}
+
+/// Part of the frame period that a predictive wait may watch; the wake-ups themselves take the rest of the 1 % promised.
+const SHARE: f64 = 0.0075;
+/// Most that it watches at a time, ns: bounds what a slow camera or a header that lies can cost.
+const MOST_WATCHED_NS: f64 = 1_000_000.0;
+/// Weight of the newest frame in the averages: they follow within about eight frames.
+const WEIGHT: f64 = 0.125;
+
+/// Tells when the next frame is due, from the ones that came.
+#[derive(Debug, Default)]
+pub(crate) struct Prediction {
+    period_ns: f64,
+    /// CLOCK_MONOTONIC at which the last frame would have been sent without jitter.
+    last_ns: f64,
+    /// Mean distance of frames from their prediction.
+    deviation_ns: f64,
+    /// Mean delay from the end of a sleep to the wake-up.
+    oversleep_ns: f64,
+    /// The frame that is due was watched for already.
+    used: bool,
+}
+
+/// When to watch for a frame, CLOCK_MONOTONIC in ns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Watch {
+    pub(crate) from_ns: u64,
+    pub(crate) until_ns: u64,
+}
+
+impl Prediction {
+    /// Takes a frame into account.
+    pub(crate) fn frame(&mut self, header: &FrameHeader) {
+        let (period_ns, sent_ns) = (header.frame_period_ns as f64, header.send_monotonic_ns as f64);
+        self.used = false;
+        if period_ns != self.period_ns {
+            *self = Prediction {
+                period_ns,
+                last_ns: sent_ns,
+                oversleep_ns: self.oversleep_ns,
+                ..Prediction::default()
+            };
+            return;
+        }
+        let periods = ((sent_ns - self.last_ns) / period_ns).round();
+        let due_ns = self.last_ns + periods * period_ns;
+        let error_ns = sent_ns - due_ns;
+        self.deviation_ns += (error_ns.abs() - self.deviation_ns) * WEIGHT;
+        // A frame far off begins a new rhythm.
+        let follows = periods >= 1.0 && error_ns.abs() < period_ns / 4.0;
+        self.last_ns = if follows { due_ns + error_ns * WEIGHT } else { sent_ns };
+    }
+
+    /// When to watch for the next frame; `None` where it cannot be told, or was said already.
+    pub(crate) fn next(&mut self, now_ns: u64) -> Option<Watch> {
+        if self.period_ns <= 0.0 || std::mem::replace(&mut self.used, true) {
+            return None;
+        }
+        let budget_ns = (self.period_ns * SHARE).min(MOST_WATCHED_NS);
+        let early_ns = (self.oversleep_ns + 2.0 * self.deviation_ns).min(budget_ns * 0.75);
+        let from_ns = self.last_ns + self.period_ns - early_ns;
+        let until_ns = from_ns + budget_ns;
+        // Saturates where a header lies.
+        let watch = Watch { from_ns: from_ns as u64, until_ns: until_ns as u64 };
+        (watch.until_ns > now_ns).then_some(watch)
+    }
+
+    /// Takes into account that a sleep until `asked_ns` ended at `woke_ns`.
+    pub(crate) fn overslept(&mut self, asked_ns: u64, woke_ns: u64) {
+        let late_ns = woke_ns.saturating_sub(asked_ns) as f64;
+        self.oversleep_ns += (late_ns.min(MOST_WATCHED_NS) - self.oversleep_ns) * WEIGHT;
+    }
+}
+
+/// From now to a later instant.
+pub(crate) fn until(instant_ns: u64, now_ns: u64) -> Duration {
+    Duration::from_nanos(instant_ns.saturating_sub(now_ns))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD_NS: u64 = 16_666_667;
+    const START_NS: u64 = 1_000_000_000_000;
+
+    fn header(frame_period_ns: u64, send_monotonic_ns: u64) -> FrameHeader {
+        FrameHeader { frame_period_ns, send_monotonic_ns, ..FrameHeader::default() }
+    }
+
+    fn after(frames: u64, sent_ns: impl Fn(u64) -> u64) -> Prediction {
+        let mut prediction = Prediction::default();
+        (0..frames).for_each(|frame| prediction.frame(&header(PERIOD_NS, START_NS + sent_ns(frame))));
+        prediction
+    }
+
+    fn contains(watch: Watch, instant_ns: u64) -> bool {
+        (watch.from_ns..watch.until_ns).contains(&(START_NS + instant_ns))
+    }
+
+    #[test]
+    fn a_steady_camera_is_watched_when_its_frame_is_due() {
+        let mut prediction = after(100, |frame| frame * PERIOD_NS);
+        prediction.overslept(0, 60_000);
+        let watch = prediction.next(START_NS).unwrap();
+        assert!(contains(watch, 100 * PERIOD_NS));
+        assert!(watch.until_ns - watch.from_ns < PERIOD_NS / 100);
+        assert_eq!(prediction.next(START_NS), None, "once a frame");
+    }
+
+    #[test]
+    fn jitter_and_lost_frames_do_not_lead_astray() {
+        let jittered = |frame: u64| frame * PERIOD_NS + frame * 7919 % 50_000;
+        let mut prediction = after(100, |frame| jittered(if frame < 50 { frame } else { frame + 7 }));
+        assert!(contains(prediction.next(START_NS).unwrap(), jittered(107)));
+    }
+
+    #[test]
+    fn another_rate_is_followed_from_its_second_frame_on() {
+        let mut prediction = after(100, |frame| frame * PERIOD_NS);
+        prediction.frame(&header(50_000_000, START_NS + 3 * PERIOD_NS * 100));
+        let due_ns = 3 * PERIOD_NS * 100 + 50_000_000;
+        assert!(contains(prediction.next(START_NS).unwrap(), due_ns));
+    }
+
+    #[test]
+    fn frames_that_stop_are_not_watched_for() {
+        let mut prediction = after(100, |frame| frame * PERIOD_NS);
+        assert_eq!(prediction.next(START_NS + 102 * PERIOD_NS), None);
+    }
+
+    #[test]
+    fn headers_that_lie_cost_no_more_than_the_bound() {
+        for (period_ns, sent_ns) in [(0, 0), (u64::MAX, u64::MAX), (1, u64::MAX), (u64::MAX, 0)] {
+            let mut prediction = after(3, |frame| frame * PERIOD_NS);
+            (0..3).for_each(|_| prediction.frame(&header(period_ns, sent_ns)));
+            if let Some(watch) = prediction.next(0) {
+                assert!(watch.until_ns - watch.from_ns <= MOST_WATCHED_NS as u64);
+            }
+        }
+    }
+}
