@@ -15,7 +15,7 @@ use uvcam_shm_ipc::{FrameHeader, PixelFormat, Publisher, Settings, Subscriber, W
 
 const CAMERA: &str = "bench";
 const PERIOD_NS: u64 = 16_666_667;
-const FRAMES: usize = 600;
+const FRAMES: usize = 300;
 const ROUNDS: usize = 3;
 const ROLE: &str = "UVCAM_BENCH_ROLE";
 const FOLDER: &str = "UVCAM_BENCH_FOLDER";

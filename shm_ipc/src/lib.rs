@@ -22,7 +22,7 @@ mod resident;
 mod service;
 mod settings;
 mod subscriber;
-mod wake;
+mod wake_word;
 mod wakeup;
 
 pub use cleanup::cleanup_dead_nodes;

@@ -24,7 +24,7 @@ use crate::header::FrameHeader;
 use crate::resident;
 use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::settings::{SHARED_MEMORY, Settings, shared_memory_needed, slots_needed};
-use crate::wake::WakeWord;
+use crate::wake_word::WakeWord;
 
 /// How long [`Publisher::create`] waits for a predecessor to go and for consumers to let go of services that do not fit.
 const PATIENCE: Duration = Duration::from_secs(3);

@@ -22,7 +22,7 @@ use crate::error::IpcError;
 use crate::header::FrameHeader;
 use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::settings::Settings;
-use crate::wake::WakeWord;
+use crate::wake_word::WakeWord;
 use crate::wakeup::{Prediction, Wakeup, Watch, until};
 
 /// Time between attempts to find a driver.
@@ -313,16 +313,17 @@ impl Link {
     /// Sleeps until a frame is soon due, then watches the wake word for it.
     fn watch(&self, seen: u32, watch: Watch, timeout: Duration, prediction: &mut Prediction) {
         let Some(word) = &self.wake_word else { return };
-        let now_ns = monotonic_ns();
-        let nap = until(watch.from_ns, now_ns);
+        let nap = until(watch.wake_ns, monotonic_ns());
         if nap > timeout {
             word.sleep(seen, timeout);
             return;
         }
-        if !nap.is_zero() && word.sleep_exactly(seen, nap) {
-            prediction.overslept(watch.from_ns, monotonic_ns());
+        let slept = !nap.is_zero() && word.sleep_exactly(seen, nap);
+        let woke_ns = monotonic_ns();
+        if slept {
+            prediction.overslept(watch.wake_ns, woke_ns);
         }
-        while word.frames() == seen && monotonic_ns() < watch.until_ns {
+        while word.frames() == seen && monotonic_ns().saturating_sub(woke_ns) < watch.budget_ns {
             std::hint::spin_loop();
         }
     }

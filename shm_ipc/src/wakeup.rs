@@ -24,6 +24,9 @@ const MOST_WATCHED_NS: f64 = 1_000_000.0;
 /// Weight of the newest frame in the averages: they follow within about eight frames.
 const WEIGHT: f64 = 0.125;
 
+/// Frames in a row that may be far off before they are believed: a new rhythm.
+const ASTRAY: u32 = 2;
+
 /// Tells when the next frame is due, from the ones that came.
 #[derive(Debug, Default)]
 pub(crate) struct Prediction {
@@ -34,15 +37,19 @@ pub(crate) struct Prediction {
     deviation_ns: f64,
     /// Mean delay from the end of a sleep to the wake-up.
     oversleep_ns: f64,
+    /// Frames in a row that were too far from their prediction to be watched for.
+    astray: u32,
     /// The frame that is due was watched for already.
     used: bool,
 }
 
-/// When to watch for a frame, CLOCK_MONOTONIC in ns.
+/// When to watch for a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Watch {
-    pub(crate) from_ns: u64,
-    pub(crate) until_ns: u64,
+    /// When to wake up for it, CLOCK_MONOTONIC in ns.
+    pub(crate) wake_ns: u64,
+    /// How long to watch, ns.
+    pub(crate) budget_ns: u64,
 }
 
 impl Prediction {
@@ -50,22 +57,20 @@ impl Prediction {
     pub(crate) fn frame(&mut self, header: &FrameHeader) {
         let (period_ns, sent_ns) = (header.frame_period_ns as f64, header.send_monotonic_ns as f64);
         self.used = false;
-        if period_ns != self.period_ns {
-            *self = Prediction {
-                period_ns,
-                last_ns: sent_ns,
-                oversleep_ns: self.oversleep_ns,
-                ..Prediction::default()
-            };
-            return;
-        }
         let periods = ((sent_ns - self.last_ns) / period_ns).round();
         let due_ns = self.last_ns + periods * period_ns;
         let error_ns = sent_ns - due_ns;
+        let budget_ns = budget_ns(period_ns);
+        self.astray = if error_ns.abs() > budget_ns { self.astray + 1 } else { 0 };
+        if period_ns != self.period_ns || self.astray > ASTRAY {
+            self.period_ns = period_ns;
+            (self.last_ns, self.astray) = (sent_ns, 0);
+            return;
+        }
+        // A late frame is worth no more than one at the edge of what can be watched.
+        let error_ns = error_ns.clamp(-budget_ns, budget_ns);
+        self.last_ns = due_ns + error_ns * WEIGHT;
         self.deviation_ns += (error_ns.abs() - self.deviation_ns) * WEIGHT;
-        // A frame far off begins a new rhythm.
-        let follows = periods >= 1.0 && error_ns.abs() < period_ns / 4.0;
-        self.last_ns = if follows { due_ns + error_ns * WEIGHT } else { sent_ns };
     }
 
     /// When to watch for the next frame; `None` where it cannot be told, or was said already.
@@ -73,20 +78,26 @@ impl Prediction {
         if self.period_ns <= 0.0 || std::mem::replace(&mut self.used, true) {
             return None;
         }
-        let budget_ns = (self.period_ns * SHARE).min(MOST_WATCHED_NS);
-        let early_ns = (self.oversleep_ns + 2.0 * self.deviation_ns).min(budget_ns * 0.75);
-        let from_ns = self.last_ns + self.period_ns - early_ns;
-        let until_ns = from_ns + budget_ns;
+        let budget_ns = budget_ns(self.period_ns);
+        let due_ns = self.last_ns + self.period_ns;
+        let early_ns = (2.0 * self.deviation_ns).clamp(budget_ns * 0.1, budget_ns * 0.6);
         // Saturates where a header lies.
-        let watch = Watch { from_ns: from_ns as u64, until_ns: until_ns as u64 };
-        (watch.until_ns > now_ns).then_some(watch)
+        let watch =
+            Watch { wake_ns: (due_ns - early_ns - self.oversleep_ns) as u64, budget_ns: budget_ns as u64 };
+        ((due_ns + budget_ns) as u64 > now_ns).then_some(watch)
     }
 
     /// Takes into account that a sleep until `asked_ns` ended at `woke_ns`.
     pub(crate) fn overslept(&mut self, asked_ns: u64, woke_ns: u64) {
         let late_ns = woke_ns.saturating_sub(asked_ns) as f64;
-        self.oversleep_ns += (late_ns.min(MOST_WATCHED_NS) - self.oversleep_ns) * WEIGHT;
+        let most_ns = budget_ns(self.period_ns);
+        self.oversleep_ns += (late_ns.min(most_ns) - self.oversleep_ns) * WEIGHT;
     }
+}
+
+/// How long a frame may be watched for.
+fn budget_ns(period_ns: f64) -> f64 {
+    (period_ns * SHARE).min(MOST_WATCHED_NS)
 }
 
 /// From now to a later instant.
@@ -112,17 +123,25 @@ mod tests {
     }
 
     fn contains(watch: Watch, instant_ns: u64) -> bool {
-        (watch.from_ns..watch.until_ns).contains(&(START_NS + instant_ns))
+        (watch.wake_ns..watch.wake_ns + watch.budget_ns).contains(&(START_NS + instant_ns))
     }
 
     #[test]
     fn a_steady_camera_is_watched_when_its_frame_is_due() {
         let mut prediction = after(100, |frame| frame * PERIOD_NS);
-        prediction.overslept(0, 60_000);
         let watch = prediction.next(START_NS).unwrap();
         assert!(contains(watch, 100 * PERIOD_NS));
-        assert!(watch.until_ns - watch.from_ns < PERIOD_NS / 100);
+        assert!(watch.budget_ns < PERIOD_NS / 100);
         assert_eq!(prediction.next(START_NS), None, "once a frame");
+    }
+
+    #[test]
+    fn who_oversleeps_is_called_earlier() {
+        let mut prediction = after(100, |frame| frame * PERIOD_NS);
+        (0..100).for_each(|_| prediction.overslept(START_NS, START_NS + 60_000));
+        let mut watch = prediction.next(START_NS).unwrap();
+        watch.wake_ns += 60_000;
+        assert!(contains(watch, 100 * PERIOD_NS));
     }
 
     #[test]
@@ -152,7 +171,7 @@ mod tests {
             let mut prediction = after(3, |frame| frame * PERIOD_NS);
             (0..3).for_each(|_| prediction.frame(&header(period_ns, sent_ns)));
             if let Some(watch) = prediction.next(0) {
-                assert!(watch.until_ns - watch.from_ns <= MOST_WATCHED_NS as u64);
+                assert!(watch.budget_ns <= MOST_WATCHED_NS as u64);
             }
         }
     }
