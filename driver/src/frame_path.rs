@@ -202,3 +202,6 @@ impl FramePath<'_> {
         CameraError::Device { serial: self.camera.identity().serial.clone(), doing: "streaming", cause }
     }
 }
+
+#[cfg(test)]
+mod tests;
