@@ -9,9 +9,11 @@ use uvcam_masker::generate::{IgnoredRegion, Parameters};
 use uvcam_shm_ipc::PixelFormat;
 
 use crate::camera::Settings;
+use crate::realtime::Realtime;
 
 mod document;
 mod error;
+mod realtime;
 
 pub use error::ConfigError;
 
@@ -49,6 +51,8 @@ pub struct CameraConfig {
     pub mask: MaskChoice,
     /// How its mask is generated.
     pub generate: Generate,
+    /// How its threads are scheduled.
+    pub realtime: Realtime,
 }
 
 /// `[camera.generate]`

@@ -17,4 +17,5 @@ pub mod generate;
 pub mod generator;
 pub mod mask;
 pub mod mask_store;
+pub mod realtime;
 pub mod supervise;

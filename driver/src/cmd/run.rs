@@ -21,6 +21,7 @@ use crate::exit::Exit;
 use crate::frame_path::{Command, Counters};
 use crate::generator::Progress;
 use crate::mask;
+use crate::realtime;
 use crate::supervise::{Notice, State, Supervisor};
 
 mod service;
@@ -52,6 +53,7 @@ struct Running {
 }
 
 pub(super) fn execute(arguments: &args::Run, config: &Config) -> Result<Exit, Error> {
+    realtime::lock_memory();
     let (events, inbox) = channel();
     let signals = listen(events.clone())?;
     let stop = Arc::new(AtomicBool::new(false));
@@ -113,7 +115,11 @@ fn start(
         counters.clone(),
         stop.clone(),
     );
-    let thread = spawn(&camera.name, move || supervisor.run())?;
+    let (realtime, name) = (camera.realtime.clone(), camera.name.clone());
+    let thread = spawn(&camera.name, move || {
+        realtime.apply(&name);
+        supervisor.run();
+    })?;
     Ok(Running {
         config: camera.clone(),
         commands,

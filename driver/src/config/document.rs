@@ -11,6 +11,7 @@ use uvcam_shm_ipc::PixelFormat;
 
 use self::generate::GenerateTable;
 use super::error::Text;
+use super::realtime::RealtimeTable;
 use super::{CameraConfig, Config, ConfigError, Fault, FaultKind, Ipc, MaskChoice, Simulated, Source};
 use crate::camera::Settings;
 
@@ -53,6 +54,8 @@ struct CameraTable {
     mask: Option<Spanned<String>>,
     #[serde(default)]
     generate: GenerateTable,
+    #[serde(default)]
+    realtime: RealtimeTable,
 }
 
 #[derive(Deserialize)]
@@ -107,11 +110,11 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
     Ok(Config { ipc, cameras })
 }
 
-struct Reader<'a>(Text<'a>);
+pub(super) struct Reader<'a>(Text<'a>);
 
 impl Reader<'_> {
     /// The value, or a refusal where `valid` says no.
-    fn value<T: Display>(
+    pub(super) fn value<T: Display>(
         &self,
         key: &str,
         value: Spanned<T>,
@@ -127,7 +130,7 @@ impl Reader<'_> {
     }
 
     /// The value where it is written, the default where not, or a refusal.
-    fn value_or<T: Display>(
+    pub(super) fn value_or<T: Display>(
         &self,
         key: &str,
         value: Option<Spanned<T>>,
@@ -225,7 +228,8 @@ impl Reader<'_> {
             }
         };
         let generate = self.generate(table.generate, &settings)?;
-        Ok(CameraConfig { name, source, settings, mask, generate })
+        let realtime = table.realtime.read(self)?;
+        Ok(CameraConfig { name, source, settings, mask, generate, realtime })
     }
 
     fn source(&self, table: Spanned<SourceTable>) -> Result<Source, ConfigError> {

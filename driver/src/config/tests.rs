@@ -32,6 +32,7 @@ fn the_default_is_valid_and_says_what_the_code_does_without_it() {
     assert_eq!(config.ipc, bare.ipc);
     assert_eq!(config.cameras.len(), 1);
     let (shown, plain) = (&config.cameras[0].settings, &bare.cameras[0].settings);
+    assert_eq!(config.cameras[0].realtime, bare.cameras[0].realtime);
     assert_eq!(
         (shown.offset_x, shown.offset_y, shown.pixel_format, shown.gain_db),
         (plain.offset_x, plain.offset_y, plain.pixel_format, plain.gain_db)
@@ -97,6 +98,16 @@ fn a_refusal_names_file_line_key_value_and_what_is_allowed() {
             "root_path: found run; allowed: an absolute path",
         ),
         ("fps = 59.9", "fps = = 3", "uvcam.toml:7: not TOML"),
+        (
+            "mask =",
+            "realtime = { priority = 100 }\nmask =",
+            "uvcam.toml:9: priority: found 100; allowed: 0 to 99",
+        ),
+        (
+            "mask =",
+            "realtime = { cpus = [1, 4096] }\nmask =",
+            "cpus: found 4096; allowed: cores from 0 to 1023",
+        ),
     ] {
         let message = refusal(line, instead);
         assert!(message.contains(expected), "{instead}\n  gives    {message}\n  expected {expected}");

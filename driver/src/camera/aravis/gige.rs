@@ -8,7 +8,10 @@ use std::fs;
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
 use aravis::{GvPacketSizeAdjustment, GvStream, GvStreamPacketResend, GvStreamSocketBuffer, Stream};
+use rustix::thread::CapabilitySet;
 use tracing::warn;
+
+use crate::realtime;
 
 /// How long a frame may lack a packet while no other frame begins, microseconds. Long enough for a busy sender: a frame is over
 /// anyway with the first packet of the next one, so no frame waits for it.
@@ -17,8 +20,6 @@ const FRAME_RETENTION_US: u32 = 500_000;
 const SOCKET_FRAMES: usize = 8;
 /// The kernel's bound of a socket buffer.
 const RMEM_MAX: &str = "/proc/sys/net/core/rmem_max";
-/// capabilities(7): the number of CAP_NET_RAW.
-const CAP_NET_RAW: u32 = 13;
 
 /// Before the stream is made: the largest packet that passes the network without being split is found by trial, where the
 /// device can send test packets.
@@ -37,18 +38,12 @@ pub(super) fn tune(stream: &Stream, serial: &str, payload_bytes: usize) {
     stream.set_socket_buffer_size(i32::try_from(wanted).unwrap_or(i32::MAX));
     // The kernel cuts the size down without saying so.
     let allowed = fs::read_to_string(RMEM_MAX).ok().and_then(|text| text.trim().parse::<usize>().ok());
-    if let Some(allowed) = allowed.filter(|allowed| *allowed < wanted && !has_net_raw()) {
+    if let Some(allowed) =
+        allowed.filter(|allowed| *allowed < wanted && !realtime::has(CapabilitySet::NET_RAW))
+    {
         warn!(
             "camera {serial}: frames can be lost under load: the kernel limits socket buffers to {allowed} bytes, \
              {SOCKET_FRAMES} frames need {wanted}; give the program CAP_NET_RAW, or sysctl -w net.core.rmem_max={wanted}"
         );
     }
-}
-
-/// Whether the program may open packet sockets (proc_pid_status(5): `CapEff`, a hexadecimal mask).
-fn has_net_raw() -> bool {
-    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let effective = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
-    let mask = effective.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
-    mask.is_some_and(|mask| mask >> CAP_NET_RAW & 1 == 1)
 }
