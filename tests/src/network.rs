@@ -36,6 +36,21 @@ fn in_namespace_without(wrapper: &[&str], name: &str, body: impl FnOnce()) {
     assert!(ran, "{name} failed in its network namespace: {}\n{said}\n{complained}", output.status);
 }
 
+/// Runs this program again, in a namespace in which only loopback is up; returns where it is there already.
+pub fn enter_namespace() {
+    if std::env::var_os(INSIDE).is_some() {
+        return;
+    }
+    let status = Command::new("unshare")
+        .args(namespace_options())
+        .args(["sh", "-c", "ip link set lo up && exec \"$@\"", "sh"])
+        .arg(std::env::current_exe().unwrap())
+        .env(INSIDE, "1")
+        .status()
+        .expect("unshare: install the packages util-linux and iproute2");
+    std::process::exit(status.code().unwrap_or(1));
+}
+
 /// Root makes a network namespace; anyone else needs a user namespace around it.
 fn namespace_options() -> &'static [&'static str] {
     let plain = Command::new("unshare").args(["--net", "true"]).stderr(Stdio::null()).status();

@@ -143,10 +143,10 @@ impl Camera for AravisCamera {
             self.camera.uv_set_usb_mode(UvUsbMode::Sync);
         }
         if self.camera.is_gv_device() {
-            gige::prepare(&self.camera);
+            gige::prepare(&self.camera, &self.identity.serial, applied.payload_bytes);
         }
         let stream = self.camera.create_stream().map_err(|error| self.failed("starting", error))?;
-        gige::tune(&stream, &self.identity.serial, applied.payload_bytes);
+        gige::tune(&stream, applied.payload_bytes);
         self.frame_ids = FrameIdUnwrapper::default();
         self.slots.start(stream);
         self.camera.start_acquisition().map_err(|error| self.failed("starting", error))

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use uvcam::camera::aravis::{AravisCamera, list};
 use uvcam::camera::{Camera, CameraError, Event, Settings};
+use uvcam::realtime::Realtime;
 
 use uvcam_tests::emulated::{ADDRESS, EmulatedCamera};
 use uvcam_tests::network::{in_namespace, in_namespace_without_net_raw};
@@ -30,6 +31,27 @@ fn five_hundred_frames_without_a_loss() {
             camera.queue(capture.slot).unwrap();
         }
     });
+}
+
+#[test]
+fn the_thread_that_completes_frames_is_scheduled_as_the_one_that_opened_the_camera() {
+    in_namespace(
+        "gige::the_thread_that_completes_frames_is_scheduled_as_the_one_that_opened_the_camera",
+        || {
+            let _program = EmulatedCamera::start("GV7", 0);
+            // Cores need no rights, priorities do; both are inherited in the same way.
+            Realtime { priority: 0, cpus: vec![0] }.apply("GV7");
+            let (mut camera, ..) = ready(ADDRESS, &SETTINGS);
+            camera.start().unwrap();
+            whole(&mut camera);
+            let tasks = std::fs::read_dir("/proc/self/task").unwrap().flatten();
+            let stream = tasks
+                .map(|task| std::fs::read_to_string(task.path().join("status")).unwrap())
+                .find(|status| status.starts_with("Name:\tarv_gv_stream"))
+                .expect("the library's thread");
+            assert!(stream.contains("Cpus_allowed_list:\t0\n"), "{stream}");
+        },
+    );
 }
 
 #[test]
