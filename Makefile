@@ -5,6 +5,9 @@
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PACKAGES := build-essential pkg-config libaravis-dev libusb-1.0-0-dev
 TEST_PACKAGES := aravis-tools iproute2 util-linux
+# What `make bench` compares with; it does without what cannot be installed.
+GSTREAMER_PACKAGES := gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-bad libgstreamer-plugins-base1.0-dev
+ROS_PACKAGES := libroscpp-dev libsensor-msgs-dev python3-rosmaster
 
 missing = $(shell for package in $(1); do dpkg-query -W -f '$${Status}' $$package 2>/dev/null | grep -q 'ok installed' || echo $$package; done)
 
@@ -21,8 +24,12 @@ test: packages test-packages ## Run every test
 	cargo test --workspace --locked
 
 .PHONY: bench
-bench: packages ## Measure what masking costs beside a copy of the frame
-	cargo bench --package uvcam-masker
+bench: packages bench-packages ## Compare the driver with other ways to carry frames; BENCH='--rounds 1 --seconds 2' is quick
+	cargo bench --locked --package uvcam-tests --bench peers -- $(BENCH)
+
+.PHONY: microbench
+microbench: packages ## Measure the parts of the frame path
+	cargo bench --locked --workspace --exclude uvcam-tests
 
 .PHONY: packages
 packages:
@@ -31,6 +38,11 @@ packages:
 .PHONY: test-packages
 test-packages:
 	@$(MAKE) --no-print-directory apt NEEDED='$(TEST_PACKAGES)'
+
+.PHONY: bench-packages
+bench-packages:
+	@$(MAKE) --no-print-directory apt NEEDED='$(GSTREAMER_PACKAGES)' || echo 'GStreamer cannot be installed.'
+	@$(MAKE) --no-print-directory apt NEEDED='$(ROS_PACKAGES)' || echo 'ROS 1 cannot be installed.'
 
 .PHONY: apt
 apt: LACKING = $(call missing,$(NEEDED))

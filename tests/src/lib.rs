@@ -43,6 +43,11 @@ impl Stage {
         self.memory.folder().join(name)
     }
 
+    /// The stage's folder.
+    pub fn folder(&self) -> &Path {
+        self.memory.folder()
+    }
+
     /// What a consumer needs to know to find the stage's driver.
     pub fn settings(&self) -> Settings {
         self.memory.settings()

@@ -22,9 +22,13 @@ impl SharedMemory {
 
     /// What a consumer needs to find it.
     pub fn settings(&self) -> Settings {
-        let unique: String =
-            self.folder.path().to_string_lossy().chars().filter(char::is_ascii_alphanumeric).collect();
-        Settings { prefix: format!("{unique}_"), root_path: self.folder.path().into(), ..Settings::default() }
+        SharedMemory::settings_in(self.folder.path())
+    }
+
+    /// The same, for another process that knows the folder.
+    pub fn settings_in(folder: &Path) -> Settings {
+        let unique: String = folder.to_string_lossy().chars().filter(char::is_ascii_alphanumeric).collect();
+        Settings { prefix: format!("{unique}_"), root_path: folder.into(), ..Settings::default() }
     }
 
     /// A publisher in it.

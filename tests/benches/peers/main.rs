@@ -1,0 +1,103 @@
+//! The driver beside what people use today: same frames, same mask, same machine, one run.
+//!
+//! A chain is a producer and a consumer, in a process each; `programs` holds all of them but the driver. Every round runs every chain
+//! once in every scene, so that a change of the machine's mood meets all of them; what counts is the median over the rounds, and ratios
+//! within one run. Ends in tables and `bench/results.json`.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::path::{Path, PathBuf};
+
+use clap::Parser;
+
+mod chain;
+mod measure;
+mod report;
+mod requirements;
+mod results;
+mod scene;
+mod toolbox;
+
+use chain::Chain;
+use results::Results;
+use scene::Scene;
+use toolbox::Toolbox;
+
+/// Compare the driver with other ways to carry and mask frames.
+#[derive(Debug, Parser)]
+struct Options {
+    /// How often everything is measured; medians count
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    rounds: u32,
+    /// How long each chain is measured in each round, after a second of warming up
+    #[arg(long, value_name = "S", default_value_t = 5.0)]
+    seconds: f64,
+    /// Only these chains
+    #[arg(long, value_delimiter = ',', value_enum)]
+    only: Vec<Chain>,
+    /// Sizes of the frames, px
+    #[arg(long, value_delimiter = ',', value_name = "WxH", default_value = "752x480,960x600,1920x1200",
+          value_parser = scene::size)]
+    sizes: Vec<(u32, u32)>,
+    /// Numbers of cameras
+    #[arg(long, value_delimiter = ',', value_name = "N", default_value = "1,3")]
+    cameras: Vec<usize>,
+    /// Leave out the growth with the number of cameras and with the size of the frames
+    #[arg(long)]
+    no_growth: bool,
+    /// Where the results go
+    #[arg(long, value_name = "FILE", default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../bench/results.json"))]
+    out: PathBuf,
+    /// What cargo says to every bench
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+fn main() {
+    let options = Options::parse();
+    let mut results = Results::new(options.rounds, options.seconds);
+    let toolbox = Toolbox::new();
+    let mut chains = if options.only.is_empty() { Chain::all() } else { options.only.clone() };
+    chains.retain(|chain| match toolbox.lacks(*chain) {
+        None => true,
+        Some(reason) => {
+            eprintln!("{} is skipped: {reason}", chain.name());
+            results.skipped.push(format!("{}: {reason}", chain.name()));
+            false
+        }
+    });
+    let plan = plan(&options, &chains);
+    for round in 0..options.rounds {
+        for (scene, chains) in &plan {
+            // Each round begins with another chain: none always follows the same one.
+            let first = round as usize % chains.len().max(1);
+            for chain in chains.iter().cycle().skip(first).take(chains.len()) {
+                let sample = measure::run(*chain, scene, &toolbox, options.seconds);
+                eprintln!("round {}, {scene}, {:<21} {sample}", round + 1, chain.name());
+                results.add(*chain, scene, sample);
+            }
+        }
+    }
+    results.judge();
+    print!("{}", report::tables(&results));
+    write(&options.out, &results);
+}
+
+/// Each scene, and the chains that are measured in it.
+fn plan(options: &Options, chains: &[Chain]) -> Vec<(Scene, Vec<Chain>)> {
+    let with = |scene, chains: &[Chain]| (scene, chains.to_vec());
+    let sizes = options.sizes.iter();
+    let shapes = sizes.flat_map(|size| options.cameras.iter().map(|cameras| (*size, *cameras)));
+    let mut plan: Vec<_> =
+        shapes.map(|(size, cameras)| with(Scene::comparison(size, cameras), chains)).collect();
+    if !options.no_growth {
+        plan.extend(Scene::more_cameras().into_iter().map(|scene| with(scene, &[Chain::UvcamEvent])));
+        plan.extend(Scene::larger_frames().into_iter().map(|scene| with(scene, &[Chain::UvcamPoll])));
+    }
+    plan
+}
+
+fn write(file: &Path, results: &Results) {
+    std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+    std::fs::write(file, serde_json::to_string_pretty(results).unwrap() + "\n").unwrap();
+    println!("\nwritten: {}", file.canonicalize().unwrap().display());
+}
