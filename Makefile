@@ -31,6 +31,10 @@ bench: packages bench-packages ## Compare the driver with other ways to carry fr
 microbench: packages ## Measure the parts of the frame path
 	cargo bench --locked --workspace --exclude uvcam-tests
 
+.PHONY: soak
+soak: packages test-packages ## Ten minutes of three cameras among consumers that stop and die; SOAK_S=60 is one minute
+	UVCAM_SOAK_S=$(or $(SOAK_S),600) cargo test --release --locked --package uvcam-tests --test soak -- --nocapture
+
 .PHONY: packages
 packages:
 	@$(MAKE) --no-print-directory apt NEEDED='$(PACKAGES)'
