@@ -11,6 +11,10 @@ pub enum Chain {
     Alone,
     /// The driver; the consumer asks without a pause
     UvcamPoll,
+    /// The driver; the consumer sleeps until a frame is due, and watches for it
+    UvcamPredictive,
+    /// The driver; the consumer sleeps on the wake word
+    UvcamFutex,
     /// The driver; the consumer sleeps on iceoryx2's event
     UvcamEvent,
     /// iceoryx2 alone, no mask; the consumer asks without a pause
@@ -46,6 +50,8 @@ impl Chain {
         match self {
             Chain::Alone => "camera and mask alone",
             Chain::UvcamPoll => "uvcam, polling",
+            Chain::UvcamPredictive => "uvcam, predictive",
+            Chain::UvcamFutex => "uvcam, futex",
             Chain::UvcamEvent => "uvcam, event",
             Chain::Iceoryx2Poll => "iceoryx2, polling",
             Chain::Iceoryx2Event => "iceoryx2, event",
@@ -55,11 +61,18 @@ impl Chain {
         }
     }
 
+    /// Whether it is the driver's.
+    pub fn is_uvcam(self) -> bool {
+        matches!(self.producer(), Some(Program::Driver))
+    }
+
     /// Who makes the frames. `None`: the consumer does.
     pub fn producer(self) -> Option<Program> {
         match self {
             Chain::Alone => None,
-            Chain::UvcamPoll | Chain::UvcamEvent => Some(Program::Driver),
+            Chain::UvcamPoll | Chain::UvcamPredictive | Chain::UvcamFutex | Chain::UvcamEvent => {
+                Some(Program::Driver)
+            }
             Chain::Iceoryx2Poll | Chain::Iceoryx2Event => Some(Program::Peer("iceoryx2-produce")),
             Chain::CopyEvent => Some(Program::Peer("copy-produce")),
             Chain::Gstreamer | Chain::Ros1 => Some(Program::Cpp("produce")),
@@ -71,6 +84,8 @@ impl Chain {
         match self {
             Chain::Alone => Program::Peer("alone"),
             Chain::UvcamPoll => Program::Peer("uvcam-poll"),
+            Chain::UvcamPredictive => Program::Peer("uvcam-predictive"),
+            Chain::UvcamFutex => Program::Peer("uvcam-futex"),
             Chain::UvcamEvent => Program::Peer("uvcam-event"),
             Chain::Iceoryx2Poll => Program::Peer("iceoryx2-poll"),
             Chain::Iceoryx2Event => Program::Peer("iceoryx2-event"),

@@ -67,6 +67,11 @@ impl Sample {
     pub fn cpu_s(&self) -> f64 {
         self.producer_cpu_s + self.consumer_cpu_s
     }
+
+    /// Share of a core that both processes take.
+    pub fn cores(&self) -> f64 {
+        self.producer_cores + self.consumer_cores
+    }
 }
 
 impl fmt::Display for Sample {

@@ -43,6 +43,8 @@ pub fn requirements(results: &Results) -> Vec<Requirement> {
         judge.p50_below(Chain::Gstreamer, SMALL, 4.0),
         judge.p50_below(Chain::Gstreamer, LARGE, 8.0),
         judge.sent_before_the_plain_way(),
+        judge.best_wait(),
+        judge.best_wait_cores(),
         judge.more_cameras(),
         judge.larger_frames(),
         judge.lost(),
@@ -97,6 +99,28 @@ impl Judge<'_> {
         Some(judged(what, measured, Bound::AtLeast(4.0)))
     }
 
+    /// The shortest wake-up of a consumer that sleeps, against iceoryx2's event.
+    fn best_wait(&self) -> Option<Requirement> {
+        let (best, best_us) = self.best_sleeper()?;
+        let measured = best_us / self.one(Chain::UvcamEvent, SMALL)?.latency_us.p50?;
+        let what = format!("{}: p50, {} / uvcam event", name(SMALL), best.name());
+        Some(judged(what, measured, Bound::AtMost(1.0 / 3.0)))
+    }
+
+    fn best_wait_cores(&self) -> Option<Requirement> {
+        let (best, _) = self.best_sleeper()?;
+        let percent = |chain| Some(100.0 * self.one(chain, SMALL)?.cores());
+        let measured = percent(best)? - percent(Chain::UvcamEvent)?;
+        let what = format!("{}: % of a core, {} - uvcam event", name(SMALL), best.name());
+        Some(judged(what, measured, Bound::AtMost(1.0)))
+    }
+
+    fn best_sleeper(&self) -> Option<(Chain, f64)> {
+        let sleepers = [Chain::UvcamPredictive, Chain::UvcamFutex].into_iter();
+        let with_p50 = sleepers.filter_map(|chain| Some((chain, self.one(chain, SMALL)?.latency_us.p50?)));
+        with_p50.min_by(|(_, one), (_, other)| one.total_cmp(other))
+    }
+
     /// The driver's cost per frame with more cameras, against one, until a core is full.
     fn more_cameras(&self) -> Option<Requirement> {
         let with = |cameras| self.0.median(Chain::UvcamEvent, Purpose::MoreCameras, SMALL, cameras);
@@ -117,11 +141,7 @@ impl Judge<'_> {
     }
 
     fn lost(&self) -> Option<Requirement> {
-        let ours = self
-            .0
-            .chains
-            .iter()
-            .filter(|measured| matches!(measured.chain, Chain::UvcamPoll | Chain::UvcamEvent));
+        let ours = self.0.chains.iter().filter(|measured| measured.chain.is_uvcam());
         let lost = ours.map(|measured| measured.median.lost).reduce(u64::saturating_add)?;
         Some(judged(
             "frames that consumers of uvcam lost, all scenes".to_owned(),

@@ -1,6 +1,8 @@
 //! The peers that are written in Rust: each way is one process of a chain.
 #![allow(clippy::unwrap_used)]
 
+use uvcam_shm_ipc::Wakeup;
+
 mod alone;
 mod iceoryx2;
 mod source;
@@ -18,7 +20,9 @@ fn main() {
         "copy-produce" => iceoryx2::produce(&task, true),
         "copy-event" => iceoryx2::event(&task, true),
         "uvcam-poll" => uvcam::poll(&task),
-        "uvcam-event" => uvcam::event(&task),
+        "uvcam-predictive" => uvcam::sleep(&task, Wakeup::Predictive),
+        "uvcam-futex" => uvcam::sleep(&task, Wakeup::Futex),
+        "uvcam-event" => uvcam::sleep(&task, Wakeup::Event),
         way => panic!("unknown way {way}"),
     }
 }

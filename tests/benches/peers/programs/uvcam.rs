@@ -3,7 +3,7 @@
 use std::thread;
 use std::time::Duration;
 
-use uvcam_shm_ipc::{Subscriber, monotonic_ns};
+use uvcam_shm_ipc::{Subscriber, Wakeup, monotonic_ns};
 use uvcam_tests::SharedMemory;
 
 use crate::task::Task;
@@ -22,22 +22,17 @@ pub fn poll(task: &Task) {
     });
 }
 
-/// Receives them in a thread for each camera, that sleeps until iceoryx2's event wakes it.
-pub fn event(task: &Task) {
-    wait(task, |subscriber| {
-        subscriber.wait(NAP).unwrap();
-    });
-}
-
-fn wait(task: &Task, wait: impl Fn(&mut Subscriber) + Copy + Send) {
+/// Receives them in a thread for each camera, that sleeps until `wakeup` wakes it.
+pub fn sleep(task: &Task, wakeup: Wakeup) {
     let window = Window::new(task, true);
     let mut subscribers = subscribers(task);
     thread::scope(|scope| {
         for (camera, subscriber) in subscribers.iter_mut().enumerate() {
             let window = &window;
             scope.spawn(move || {
+                subscriber.set_wakeup(wakeup);
                 while !window.is_over() {
-                    wait(subscriber);
+                    subscriber.wait(NAP).unwrap();
                     receive(subscriber, camera, window);
                 }
             });
