@@ -6,6 +6,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use clap::Parser;
 
@@ -44,6 +45,9 @@ struct Options {
     /// Leave out the growth with the number of cameras and with the size of the frames
     #[arg(long)]
     no_growth: bool,
+    /// Run all chains at real-time priority, above what else the machine does; the kernel stops who spins for 50 ms of each second
+    #[arg(long)]
+    realtime: bool,
     /// Where the results go
     #[arg(long, value_name = "FILE", default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../bench/results.json"))]
     out: PathBuf,
@@ -54,7 +58,7 @@ struct Options {
 
 fn main() {
     let options = Options::parse();
-    let mut results = Results::new(options.rounds, options.seconds);
+    let mut results = Results::new(options.rounds, options.seconds, options.realtime);
     let toolbox = Toolbox::new();
     let mut chains = if options.only.is_empty() { Chain::all() } else { options.only.clone() };
     chains.retain(|chain| match toolbox.lacks(*chain) {
@@ -66,6 +70,9 @@ fn main() {
         }
     });
     let plan = plan(&options, &chains);
+    if options.realtime {
+        take_realtime_priority();
+    }
     for round in 0..options.rounds {
         for (scene, chains) in &plan {
             // Each round begins with another chain: none always follows the same one.
@@ -94,6 +101,16 @@ fn plan(options: &Options, chains: &[Chain]) -> Vec<(Scene, Vec<Chain>)> {
         plan.extend(Scene::larger_frames().into_iter().map(|scene| with(scene, &[Chain::UvcamPoll])));
     }
     plan
+}
+
+/// For this process, and for those that it starts from here on.
+fn take_realtime_priority() {
+    let id = std::process::id().to_string();
+    let chrt = Command::new("chrt").args(["--fifo", "--pid", "10", &id]).status();
+    assert!(
+        chrt.is_ok_and(|status| status.success()),
+        "--realtime needs chrt (util-linux) and the right to use it"
+    );
 }
 
 fn write(file: &Path, results: &Results) {

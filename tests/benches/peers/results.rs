@@ -14,6 +14,7 @@ pub struct Results {
     cores: usize,
     rounds: u32,
     seconds: f64,
+    realtime: bool,
     /// Chains that this machine cannot run, and why.
     pub skipped: Vec<String>,
     /// What must hold, and what was found.
@@ -46,13 +47,22 @@ pub struct Measured {
 
 impl Results {
     /// Nothing yet.
-    pub fn new(rounds: u32, seconds: f64) -> Results {
+    pub fn new(rounds: u32, seconds: f64, realtime: bool) -> Results {
         let cpuinfo = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
         let model = cpuinfo.lines().find(|line| line.starts_with("model name"));
         let machine =
             model.and_then(|line| line.split_once(": ")).map_or("unknown", |(_, model)| model).to_owned();
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        Results { machine, cores, rounds, seconds, skipped: vec![], requirements: vec![], chains: vec![] }
+        Results {
+            machine,
+            cores,
+            rounds,
+            seconds,
+            realtime,
+            skipped: vec![],
+            requirements: vec![],
+            chains: vec![],
+        }
     }
 
     /// Adds a round.
