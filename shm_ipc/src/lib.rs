@@ -3,8 +3,10 @@
 //! A consumer needs this crate alone. The driver fills a [`Slot`] of shared memory and publishes it with a [`FrameHeader`];
 //! a consumer reads the same memory as a [`Frame`]. Nobody copies pixels.
 //!
-//! One camera is two iceoryx2 services: `uvcam/v1/<camera>/frames` carries the frames, `uvcam/v1/<camera>/wake` is the event for a
-//! `WaitSet`. A consumer that only waits for a frame sleeps on a futex instead ([`Wakeup`]). The driver alone creates them; driver and consumers agree on [`Settings::prefix`] and [`Settings::root_path`], and
+//! One camera is four iceoryx2 services: `uvcam/v1/<camera>/frames` carries the frames, `uvcam/v1/<camera>/wake` is the event for a
+//! `WaitSet`, [`health`] tells how the camera is, and [`control`] takes questions. A consumer that only waits for a frame sleeps on a
+//! futex instead ([`Wakeup`]). The driver alone creates them; driver and consumers agree on [`Settings::prefix`] and
+//! [`Settings::root_path`], and
 //! run under one user.
 //!
 //! A consumer that is slow, stuck or killed neither delays the driver nor takes its slots: the oldest frame that it has not
@@ -16,6 +18,7 @@ mod continuity;
 pub mod control;
 mod error;
 mod header;
+pub mod health;
 mod pixel_format;
 mod publisher;
 mod resident;

@@ -1,0 +1,122 @@
+//! The health of a camera, as its readers see it.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
+
+mod support;
+
+use iceoryx2::config::Config;
+use iceoryx2::prelude::*;
+use support::child::{Role, role, say, told_to_go_on};
+use support::*;
+use uvcam_shm_ipc::IpcError;
+use uvcam_shm_ipc::health::{Cause, Health, HealthPublisher, HealthReader, State, health_service_name};
+
+fn publisher(place: &Place) -> HealthPublisher {
+    HealthPublisher::create(&place.settings, CAMERA).unwrap()
+}
+
+fn reader(place: &Place) -> HealthReader {
+    HealthReader::open(&place.settings, CAMERA).unwrap().expect("a driver runs")
+}
+
+fn published(count: u64) -> Health {
+    Health { published: count, state: State::Streaming as u32, ..Health::new() }
+}
+
+#[test]
+fn a_late_reader_gets_the_newest_record_and_each_record_once() {
+    let place = Place::new();
+    let publisher = publisher(&place);
+    for count in 0..10 {
+        publisher.publish(&published(count)).unwrap();
+    }
+    let (mut early, mut late) = (reader(&place), reader(&place));
+    publisher.serve_newcomers().unwrap();
+    assert_eq!(late.newest().unwrap().map(|health| health.published), Some(9));
+    assert!(late.newest().unwrap().is_none());
+
+    // A reader that does not look has only the newest waiting.
+    publisher.publish(&published(10)).unwrap();
+    publisher.publish(&published(11)).unwrap();
+    for reader in [&mut early, &mut late] {
+        let health = reader.wait(PATIENCE).unwrap().unwrap();
+        assert_eq!(
+            (health.published, health.state(), health.cause()),
+            (11, Ok(State::Streaming), Ok(Cause::None))
+        );
+        assert!(reader.newest().unwrap().is_none());
+    }
+}
+
+#[test]
+fn without_a_driver_there_is_nothing_to_read() {
+    let place = Place::new();
+    assert!(HealthReader::open(&place.settings, CAMERA).unwrap().is_none());
+    let publisher = publisher(&place);
+    let mut reader = reader(&place);
+    drop(publisher);
+    assert!(HealthReader::open(&place.settings, CAMERA).unwrap().is_none());
+    assert!(reader.newest().unwrap().is_none());
+}
+
+#[test]
+fn one_driver_tells_of_a_camera() {
+    let place = Place::new();
+    let _first = publisher(&place);
+    let second = HealthPublisher::create(&place.settings, CAMERA);
+    assert!(matches!(second, Err(IpcError::AlreadyPublishing(_))), "{second:?}");
+}
+
+#[test]
+fn a_reader_stays_while_one_driver_is_killed_and_the_next_comes() {
+    let place = Place::new();
+    let mut driver = Role::start("driver", &place.settings);
+    driver.expect("published");
+    let mut reader = reader(&place);
+    driver.go_on();
+    driver.expect("served");
+    assert_eq!(reader.wait(PATIENCE).unwrap().unwrap().published, 1);
+    driver.kill();
+    let next = publisher(&place);
+    next.publish(&published(2)).unwrap();
+    while reader.wait(PATIENCE).unwrap().unwrap().published != 2 {}
+}
+
+#[test]
+fn records_that_lie_are_rejected_and_counted() {
+    let place = Place::new();
+    let mut config = Config::default();
+    config.global.prefix = FileName::new(place.settings.prefix.as_bytes()).unwrap();
+    config.global.set_root_path(&Path::new(place.settings.root_path.to_str().unwrap().as_bytes()).unwrap());
+    let node = NodeBuilder::new().config(&config).create::<ipc_threadsafe::Service>().unwrap();
+    let name = ServiceName::new(&health_service_name(CAMERA)).unwrap();
+    let service = node.service_builder(&name).publish_subscribe::<Health>().create().unwrap();
+    let rogue = service.publisher_builder().create().unwrap();
+    let mut reader = reader(&place);
+    for lie in [
+        Health { magic: 0, ..published(1) },
+        Health { state: 99, ..published(1) },
+        Health { frame_rate: f64::INFINITY, ..published(1) },
+    ] {
+        rogue.send_copy(lie).unwrap();
+    }
+    rogue.send_copy(published(7)).unwrap();
+    let read = std::iter::from_fn(|| reader.newest().unwrap()).map(|health| health.published);
+    assert_eq!(read.last(), Some(7));
+    assert!(reader.rejected() > 0);
+}
+
+/// The other processes of these tests.
+#[test]
+#[ignore = "runs as a child of other tests"]
+fn child() {
+    let (role, settings) = role();
+    assert_eq!(role, "driver");
+    let publisher = HealthPublisher::create(&settings, CAMERA).unwrap();
+    publisher.publish(&published(1)).unwrap();
+    say("published");
+    while told_to_go_on() {
+        publisher.serve_newcomers().unwrap();
+        say("served");
+    }
+}
