@@ -31,6 +31,8 @@ pub enum Command {
     List(List),
     /// Read a camera's frames as any consumer would, and report what arrived
     Watch(Watch),
+    /// Ask a running driver how its cameras are: state, losses, latencies
+    Stats(Stats),
     /// Make a camera's mask from frames in which a lamp lights its airframe
     Generate(Generate),
     /// Work on mask files
@@ -75,6 +77,16 @@ pub struct Watch {
     /// Save every frame as PNG in this folder
     #[arg(long, value_name = "DIR")]
     pub save: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `uvcam stats`
+#[derive(Debug, Args)]
+pub struct Stats {
+    /// Name of the camera in the driver's configuration; without it, every configured camera
+    pub camera: Option<String>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

@@ -61,6 +61,12 @@ pub trait Camera {
     /// dropped and opened again.
     fn next(&mut self, timeout: Duration) -> Result<Event, CameraError>;
 
+    /// Temperature of the device in degrees Celsius (SFNC `DeviceTemperature`), `None` where it tells none. Takes the time of a question
+    /// to the device.
+    fn temperature_c(&mut self) -> Option<f64> {
+        None
+    }
+
     /// Stops acquisition and gives the queued slots back to their publisher.
     fn stop(&mut self);
 }

@@ -18,6 +18,8 @@ mod generate;
 mod list;
 mod mask;
 mod run;
+mod stats;
+mod table;
 mod watch;
 
 /// Does what the command line asks, and says how it ended.
@@ -34,6 +36,7 @@ pub fn execute(arguments: Arguments) -> Exit {
         Command::Run(run) => load(file).and_then(|config| run::execute(&run, &config)),
         Command::List(list) => list::execute(&list),
         Command::Watch(watch) => load(file).and_then(|config| watch::execute(&watch, &config)),
+        Command::Stats(stats) => load(file).and_then(|config| stats::execute(&stats, &config)),
         Command::Generate(generate) => generate::execute(&generate, || load(file)),
         Command::Mask(mask) => mask::execute(&mask, || load(file)),
         Command::Config => print(config::DEFAULT.trim_end()).map(|()| Exit::Done),

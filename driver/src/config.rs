@@ -5,6 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
+use sha2::{Digest, Sha256};
 use uvcam_masker::generate::{IgnoredRegion, Parameters};
 use uvcam_shm_ipc::PixelFormat;
 
@@ -23,6 +24,8 @@ pub const DEFAULT: &str = include_str!("../default.toml");
 /// A valid configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {
+    /// Identity of the file: the first 16 bytes of the SHA-256 of its text, so that `sha256sum uvcam.toml` shows it.
+    pub digest: [u8; 16],
     /// Shared memory.
     pub ipc: Ipc,
     /// The cameras, in the order of the file; at least one, no name twice.
@@ -183,6 +186,12 @@ impl Config {
     pub fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
         document::parse(text, file)
     }
+}
+
+fn digest(text: &str) -> [u8; 16] {
+    let mut digest = [0; 16];
+    digest.iter_mut().zip(Sha256::digest(text)).for_each(|(kept, byte)| *kept = byte);
+    digest
 }
 
 impl Settings {

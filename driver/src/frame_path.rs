@@ -5,15 +5,16 @@
 //! - a frame that is not whole, or not masked as configured, is never sent;
 //! - what the device produced and this stream did not publish is counted in the next header.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
-use uvcam_masker::ImageViewMut;
+use uvcam_masker::{ImageViewMut, Mask};
 use uvcam_shm_ipc::{FrameHeader, Publisher, Slot, monotonic_ns};
 
 use crate::camera::{Applied, Camera, CameraError, Capture, Event};
 use crate::clock::FrameClock;
+use crate::counters::{Counters, add};
 use crate::error::Error;
 use crate::generate::Order;
 use crate::mask::MaskInForce;
@@ -22,6 +23,8 @@ use crate::mask::MaskInForce;
 const PATIENCE: Duration = Duration::from_millis(100);
 /// A camera that delivers nothing for this long, and for ten frame periods, has failed.
 const SILENCE_NS: u64 = 1_000_000_000;
+/// Time between looks at the device's temperature, which take it a millisecond.
+const TEMPERATURE_PERIOD_NS: u64 = 10_000_000_000;
 
 /// What another thread may ask of the path; taken at a frame boundary.
 #[derive(Debug)]
@@ -30,27 +33,6 @@ pub enum Command {
     Mask(MaskInForce),
     /// Leave the path and collect lit frames.
     Generate(Box<Order>),
-}
-
-/// What happened on the path, readable by any thread.
-///
-/// Every counter is written by the camera's thread alone and read for display: `Relaxed` on both sides.
-#[derive(Debug, Default)]
-pub struct Counters {
-    /// Frames sent.
-    pub published: AtomicU64,
-    /// Frames that the device produced and this stream never published, for whatever reason.
-    pub lost: AtomicU64,
-    /// Of these, frames that arrived with a part missing.
-    pub incomplete: AtomicU64,
-    /// Times that no free slot was there for the camera to fill.
-    pub no_free_slot: AtomicU64,
-    /// Streams begun.
-    pub epochs: AtomicU64,
-}
-
-fn add(counter: &AtomicU64, count: u64) {
-    counter.fetch_add(count, Ordering::Relaxed);
 }
 
 /// One camera, its publisher and its mask, for the time of one epoch.
@@ -82,6 +64,7 @@ pub struct Position {
     queued: usize,
     last_published_id: Option<u64>,
     clock: FrameClock,
+    next_temperature_ns: u64,
 }
 
 impl FramePath<'_> {
@@ -93,6 +76,7 @@ impl FramePath<'_> {
     pub fn run(&mut self, stop: &AtomicBool, streaming: impl FnOnce()) -> Result<Option<Box<Order>>, Error> {
         add(&self.counters.epochs, 1);
         self.position.clock = FrameClock::new(self.camera.device_clock());
+        self.counters.set_mask_id(self.mask.as_deref().map(Mask::id));
         self.fill_queue()?;
         self.camera.start()?;
         let patience_ns = SILENCE_NS.max(10 * self.header.frame_period_ns);
@@ -100,6 +84,7 @@ impl FramePath<'_> {
         let mut streaming = Some(streaming);
         // Relaxed: the flag carries no data, and is seen within one `PATIENCE`.
         while !stop.load(Ordering::Relaxed) {
+            self.counters.live();
             if let Some(order) = self.take_commands() {
                 self.camera.stop();
                 return Ok(Some(order));
@@ -113,6 +98,7 @@ impl FramePath<'_> {
                         streaming();
                     }
                     self.publish(capture)?;
+                    self.take_temperature(last_sign_of_life_ns);
                 }
                 Event::Incomplete(slot) => {
                     last_sign_of_life_ns = monotonic_ns();
@@ -142,10 +128,13 @@ impl FramePath<'_> {
             Some(last) => return Err(self.failed(format!("frame id {frame_id} follows {last}")).into()),
         };
         self.apply_mask(&mut slot)?;
+        let masked_ns = monotonic_ns();
         self.header.device_frame_id = frame_id;
         self.header.arrival_monotonic_ns = arrival_monotonic_ns;
         self.position.clock.stamp(&mut self.header, device_timestamp_ns);
         self.publisher.publish(slot, &self.header)?;
+        self.counters.arrival_to_masked.record(masked_ns.saturating_sub(arrival_monotonic_ns));
+        self.counters.masked_to_sent.record(monotonic_ns().saturating_sub(masked_ns));
         self.header.sequence += 1;
         self.position.last_published_id = Some(frame_id);
         add(&self.counters.lost, self.header.lost_before);
@@ -164,6 +153,14 @@ impl FramePath<'_> {
             pixel_format.bytes_per_pixel(),
         )?;
         Ok(mask.apply(&mut image)?)
+    }
+
+    /// Asks the device right after a frame was sent, when the next one is farthest.
+    fn take_temperature(&mut self, now_ns: u64) {
+        if now_ns >= self.position.next_temperature_ns {
+            self.position.next_temperature_ns = now_ns.saturating_add(TEMPERATURE_PERIOD_NS);
+            self.counters.set_temperature_c(self.camera.temperature_c());
+        }
     }
 
     /// Hands free slots to the camera until it holds all that it may.
@@ -189,7 +186,9 @@ impl FramePath<'_> {
         while let Ok(command) = self.commands.try_recv() {
             match command {
                 Command::Mask(mask) => {
-                    self.header.set_mask(mask.as_deref().map(|mask| mask.id().0));
+                    let id = mask.as_deref().map(Mask::id);
+                    self.header.set_mask(id.map(|id| id.0));
+                    self.counters.set_mask_id(id);
                     *self.mask = mask;
                 }
                 Command::Generate(order) => return Some(order),

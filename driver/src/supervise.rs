@@ -15,8 +15,9 @@ use crate::camera::replay::ReplayCamera;
 use crate::camera::simulated::Device;
 use crate::camera::{Applied, Camera, CameraError};
 use crate::config::{CameraConfig, Ipc, Source};
+use crate::counters::{Counters, add};
 use crate::error::{Error, with_causes};
-use crate::frame_path::{Command, Counters, FramePath, Position};
+use crate::frame_path::{Command, FramePath, Position};
 use crate::generate::Order;
 use crate::mask::{self, MaskInForce};
 
@@ -123,6 +124,7 @@ impl Supervisor {
         while !self.stopped() {
             let published_before = self.counters.published.load(Ordering::Relaxed);
             let Err(error) = self.stream(&mut mask) else { return };
+            add(&self.counters.failures, 1);
             if self.counters.published.load(Ordering::Relaxed) > published_before {
                 wait = BACK_OFF.0;
             }

@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use uvcam_masker::Mask;
+use uvcam_shm_ipc::health::{Health, HealthReader};
 use uvcam_shm_ipc::{Frame, Settings, Subscriber};
 
 pub mod emulated;
@@ -80,6 +81,16 @@ impl Stage {
         Subscriber::open(&self.settings(), camera).unwrap()
     }
 
+    /// A reader of a camera's health in this process. The driver must run, or be about to.
+    pub fn health(&self, camera: &str) -> HealthReader {
+        let mut reader = None;
+        wait_until("a driver that tells of the camera", || {
+            reader = HealthReader::open(&self.settings(), camera).unwrap();
+            reader.is_some()
+        });
+        reader.unwrap()
+    }
+
     /// Writes a mask that blanks a band of `rows` rows at the lower edge, and returns it.
     pub fn write_mask(&self, name: &str, (width, height): (u32, u32), rows: u32) -> Mask {
         let mask = Mask::from_fn(width, height, |_, y| y + rows >= height);
@@ -105,6 +116,23 @@ pub fn next_frame(subscriber: &mut Subscriber) -> Frame {
         }
         subscriber.wait(Duration::from_millis(100)).unwrap();
         assert!(start.elapsed() < PATIENCE, "no frame within {PATIENCE:?}");
+    }
+}
+
+/// Waits for a health record that fulfils `condition`, and returns it.
+pub fn health_where(
+    what: &str,
+    reader: &mut HealthReader,
+    mut condition: impl FnMut(&Health) -> bool,
+) -> Health {
+    let start = Instant::now();
+    loop {
+        if let Some(health) =
+            reader.wait(Duration::from_millis(100)).unwrap().filter(|health| condition(health))
+        {
+            return health;
+        }
+        assert!(start.elapsed() < PATIENCE, "not within {PATIENCE:?}: {what}");
     }
 }
 

@@ -50,7 +50,7 @@ fn watch_reports_the_documented_keys() {
             "width"
         ]
     );
-    assert_eq!(keys(&report["latency_us"]), ["max", "p50", "p90", "p99"]);
+    assert_eq!(keys(&report["latency_us"]), ["max", "p50", "p90", "p99", "p999"]);
     assert_eq!((report["width"].as_u64(), report["height"].as_u64()), (Some(752), Some(480)));
     assert_eq!(report["mask_id"], mask.id().to_string());
     assert!((report["fps"].as_f64().unwrap() - 60.0).abs() < 3.0, "{report}");

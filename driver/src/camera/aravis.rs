@@ -43,6 +43,7 @@ pub struct AravisCamera {
     frame_ids: FrameIdUnwrapper,
     /// Ticks a second of the device's clock; 0 where it has none.
     tick_frequency_hz: f64,
+    tells_temperature: bool,
 }
 
 impl AravisCamera {
@@ -67,6 +68,7 @@ impl AravisCamera {
                     device.timestamp_tick_frequency().map_or(0.0, |frequency| frequency as f64);
             }
         }
+        let tells_temperature = camera.is_feature_available("DeviceTemperature").unwrap_or(false);
         Ok(AravisCamera {
             slots: SlotStream::default(),
             camera,
@@ -75,6 +77,7 @@ impl AravisCamera {
             applied: None,
             frame_ids: FrameIdUnwrapper::default(),
             tick_frequency_hz,
+            tells_temperature,
         })
     }
 
@@ -171,6 +174,16 @@ impl Camera for AravisCamera {
             device_timestamp_ns: (self.tick_frequency_hz > 0.0).then_some(frame.timestamp_ns),
             arrival_monotonic_ns: filled.arrival_monotonic_ns,
         }))
+    }
+
+    fn temperature_c(&mut self) -> Option<f64> {
+        if !self.tells_temperature || self.is_gone() {
+            return None;
+        }
+        let told = self.camera.float("DeviceTemperature").ok();
+        // One that does not answer is not asked again: the library would wait seconds for it.
+        self.tells_temperature = told.is_some();
+        told
     }
 
     fn stop(&mut self) {

@@ -17,6 +17,9 @@ mod scene;
 use scene::Scene;
 pub use scene::airframe;
 
+/// What it tells of its temperature, degrees Celsius.
+const TEMPERATURE_C: f64 = 40.0;
+
 /// The simulated hardware. Clones are the same device.
 #[derive(Debug, Clone)]
 pub struct Device {
@@ -237,6 +240,10 @@ impl Camera for SimulatedCamera {
                 Fate::Unplugged => return Err(self.disconnected("waiting for a frame")),
             }
         }
+    }
+
+    fn temperature_c(&mut self) -> Option<f64> {
+        Some(TEMPERATURE_C)
     }
 
     fn stop(&mut self) {

@@ -13,13 +13,16 @@ use std::time::{Duration, Instant};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use signal_hook::iterator::backend::Handle;
+use uvcam_shm_ipc::monotonic_ns;
 
 use crate::args;
 use crate::config::{CameraConfig, Config, MaskChoice};
+use crate::counters::Counters;
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
-use crate::frame_path::{Command, Counters};
+use crate::frame_path::Command;
 use crate::generator::Progress;
+use crate::health::Reporter;
 use crate::mask;
 use crate::realtime;
 use crate::supervise::{Notice, State, Supervisor};
@@ -49,7 +52,10 @@ struct Running {
     counters: Arc<Counters>,
     thread: Option<JoinHandle<()>>,
     state: Option<State>,
-    published_at_last_tick: u64,
+    health: Reporter,
+    /// CLOCK_MONOTONIC in ns, and the frames published, at the last tick.
+    last_tick: (u64, u64),
+    frame_rate: f64,
 }
 
 pub(super) fn execute(arguments: &args::Run, config: &Config) -> Result<Exit, Error> {
@@ -71,6 +77,8 @@ pub(super) fn execute(arguments: &args::Run, config: &Config) -> Result<Exit, Er
         if camera.thread.take().is_some_and(|thread| thread.join().is_err()) {
             tracing::error!("{}: its thread ended by a panic", camera.config.name);
         }
+        camera.health.set_stopped();
+        camera.health.publish(&camera.counters);
         summarise(camera);
     }
     signals.close();
@@ -100,6 +108,8 @@ fn start(
     events: &Sender<Event>,
     stop: &Arc<AtomicBool>,
 ) -> Result<Running, Error> {
+    // First of all: a driver that finds another one in its place opens no camera.
+    let mut health = Reporter::open(config, camera)?;
     let (commands, orders) = channel();
     let counters = Arc::new(Counters::default());
     let supervisor = Supervisor::new(
@@ -120,13 +130,16 @@ fn start(
         realtime.apply(&name);
         supervisor.run();
     })?;
+    health.publish(&counters);
     Ok(Running {
         config: camera.clone(),
         commands,
         counters,
         thread: Some(thread),
         state: None,
-        published_at_last_tick: 0,
+        health,
+        last_tick: (monotonic_ns(), 0),
+        frame_rate: 0.0,
     })
 }
 
@@ -155,8 +168,7 @@ fn attend(
             Ok(Event::Signal(_)) => return how_it_went(cameras),
             Ok(Event::Camera(notice)) => {
                 if let Some(camera) = cameras.get_mut(notice.camera) {
-                    report(camera, &notice.state);
-                    camera.state = Some(notice.state);
+                    camera.enter(notice.state);
                 }
                 if cameras.iter().all(is_hopeless) {
                     tracing::error!("no camera can be used: giving up");
@@ -176,8 +188,10 @@ fn attend(
         if now >= next_tick {
             next_tick += TICK;
             uvcam_shm_ipc::cleanup_dead_nodes(&config.ipc.settings);
+            cameras.iter_mut().for_each(Running::tick);
             show_status(cameras);
         }
+        cameras.iter().for_each(|camera| camera.health.serve_newcomers());
     }
 }
 
@@ -228,6 +242,29 @@ fn reload_masks(cameras: &[Running]) {
 }
 
 impl Running {
+    fn enter(&mut self, state: State) {
+        report(self, &state);
+        self.health.set_state(&state);
+        self.health.publish(&self.counters);
+        self.state = Some(state);
+    }
+
+    /// Keeps the books of the second that has passed.
+    fn tick(&mut self) {
+        let now = (monotonic_ns(), self.counters.published.load(Ordering::Relaxed));
+        let seconds = now.0.saturating_sub(self.last_tick.0).max(1) as f64 * 1e-9;
+        self.frame_rate = now.1.saturating_sub(self.last_tick.1) as f64 / seconds;
+        self.last_tick = now;
+        self.health.set_frame_rate(self.frame_rate);
+        self.health.publish(&self.counters);
+    }
+
+    /// The camera in a few words.
+    fn status(&self) -> String {
+        let lost = self.counters.lost.load(Ordering::Relaxed);
+        format!("{} {:.0} fps, {lost} lost", self.config.name, self.frame_rate)
+    }
+
     /// Reads the mask anew, and flies it from the next frame on.
     fn reload_mask(&self) -> Result<(), Error> {
         let mask = mask::load(&self.config)?;
@@ -239,19 +276,12 @@ impl Running {
     }
 }
 
-fn show_status(cameras: &mut [Running]) {
-    let mut parts = Vec::with_capacity(cameras.len());
-    for camera in cameras {
-        let published = camera.counters.published.load(Ordering::Relaxed);
-        let fps = published - camera.published_at_last_tick;
-        camera.published_at_last_tick = published;
-        let lost = camera.counters.lost.load(Ordering::Relaxed);
-        parts.push(format!("{} {fps} fps, {lost} lost", camera.config.name));
-    }
+fn show_status(cameras: &[Running]) {
     let mut stderr = std::io::stderr();
     if stderr.is_terminal() {
+        let status = cameras.iter().map(Running::status).collect::<Vec<_>>().join(" | ");
         // A status line that cannot be written is no reason to stop flying.
-        let _ = write!(stderr, "\r\x1b[K{}\r", parts.join(" | "));
+        let _ = write!(stderr, "\r\x1b[K{status}\r");
     }
 }
 

@@ -107,7 +107,7 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
         }
         cameras.push(camera);
     }
-    Ok(Config { ipc, cameras })
+    Ok(Config { digest: super::digest(text), ipc, cameras })
 }
 
 pub(super) struct Reader<'a>(Text<'a>);

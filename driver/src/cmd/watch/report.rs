@@ -1,12 +1,11 @@
 //! What a consumer saw, in numbers.
 
-use hdrhistogram::Histogram;
 use serde::Serialize;
 use uvcam_masker::MaskId;
 use uvcam_shm_ipc::{FrameHeader, Subscriber};
 
-/// Latencies above this are counted as this, nanoseconds.
-const LONGEST_NS: u64 = 60_000_000_000;
+use crate::cmd::table::{LatencyUs, rows};
+use crate::latency::LatencyHistogram;
 
 /// Everything counted since the command began.
 pub(super) struct Tally {
@@ -20,7 +19,7 @@ pub(super) struct Tally {
     last_arrival_ns: u64,
     size: (u32, u32),
     mask_id: MaskId,
-    latency_ns: Option<Histogram<u64>>,
+    latency: LatencyHistogram,
 }
 
 #[derive(Serialize)]
@@ -35,16 +34,8 @@ struct Report<'a> {
     mask_id: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     masked_nonzero: Option<u64>,
+    /// From the driver's send to this command's receipt, microseconds.
     latency_us: LatencyUs,
-}
-
-/// From the driver's send to this command's receipt, microseconds.
-#[derive(Serialize)]
-struct LatencyUs {
-    p50: f64,
-    p90: f64,
-    p99: f64,
-    max: f64,
 }
 
 impl Tally {
@@ -60,8 +51,7 @@ impl Tally {
             last_arrival_ns: 0,
             size: (0, 0),
             mask_id: MaskId::NONE,
-            // Three digits between 1 ns and a minute: bounds that the library accepts.
-            latency_ns: Histogram::new_with_bounds(1, LONGEST_NS, 3).ok(),
+            latency: LatencyHistogram::default(),
         }
     }
 
@@ -74,10 +64,7 @@ impl Tally {
         self.masked_nonzero += masked_nonzero;
         self.size = (header.width, header.height);
         self.mask_id = MaskId(header.mask_id);
-        if let Some(histogram) = &mut self.latency_ns {
-            histogram
-                .saturating_record(received_ns.saturating_sub(header.send_monotonic_ns).clamp(1, LONGEST_NS));
-        }
+        self.latency.record(received_ns.saturating_sub(header.send_monotonic_ns));
     }
 
     pub(super) fn finish(&mut self, subscriber: &Subscriber) {
@@ -92,11 +79,7 @@ impl Tally {
     }
 
     fn latency_us(&self) -> LatencyUs {
-        let at = |quantile| {
-            let ns = self.latency_ns.as_ref().map_or(0, |histogram| histogram.value_at_quantile(quantile));
-            (ns as f64 / 100.0).round() / 10.0
-        };
-        LatencyUs { p50: at(0.5), p90: at(0.9), p99: at(0.99), max: at(1.0) }
+        self.latency.summary().into()
     }
 
     fn mask_id(&self) -> Option<String> {
@@ -121,8 +104,7 @@ impl Tally {
     }
 
     pub(super) fn table(&self) -> String {
-        let latency = self.latency_us();
-        let mut rows = vec![
+        let mut cells = vec![
             ("camera", format!("{}, {}x{}", self.camera, self.size.0, self.size.1)),
             ("frames", self.frames.to_string()),
             ("fps", format!("{:.2}", self.fps())),
@@ -131,28 +113,21 @@ impl Tally {
             ("mask", self.mask_id().unwrap_or_else(|| "none".into())),
         ];
         if self.with_mask {
-            rows.push(("masked pixels that were not black", self.masked_nonzero.to_string()));
+            cells.push(("masked pixels that were not black", self.masked_nonzero.to_string()));
         }
-        rows.push((
-            "latency, send to receive, p50 / p99 / max",
-            format!("{:.0} / {:.0} / {:.0} us", latency.p50, latency.p99, latency.max),
-        ));
-        let width = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
-        let lines: Vec<String> =
-            rows.iter().map(|(name, value)| format!("{name:<width$}  {value}")).collect();
-        lines.join("\n")
+        cells.push(("latency", LatencyUs::COLUMNS.into()));
+        cells.push(("send to receive", self.latency_us().cells()));
+        rows(&cells)
     }
 
     pub(super) fn line(&self, subscriber: &Subscriber) -> String {
-        let latency = self.latency_us();
+        let (p50, p99) = self.latency_us().p50_and_p99();
         format!(
-            "{}: {} frames, {:.1} fps, {} lost, latency p50 {:.0} us, p99 {:.0} us",
+            "{}: {} frames, {:.1} fps, {} lost, latency p50 {p50:.0} us, p99 {p99:.0} us",
             self.camera,
             self.frames,
             self.fps(),
             subscriber.lost(),
-            latency.p50,
-            latency.p99
         )
     }
 }

@@ -1,0 +1,157 @@
+//! What the driver tells of a camera, over its health service.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use rustix::time::{ClockId, clock_gettime};
+use uvcam_shm_ipc::health::{Cause, Health, HealthPublisher};
+use uvcam_shm_ipc::{IpcError, monotonic_ns};
+
+use crate::camera::CameraError;
+use crate::config::{CameraConfig, Config};
+use crate::counters::Counters;
+use crate::error::{Error, with_causes};
+use crate::supervise::State;
+
+/// Keeps the record of one camera.
+pub struct Reporter {
+    publisher: HealthPublisher,
+    record: Health,
+}
+
+impl Reporter {
+    /// Begins the record of a camera that has not been opened.
+    ///
+    /// # Errors
+    /// [`IpcError::AlreadyPublishing`] where another driver tells of this camera, and those of [`HealthPublisher::create`].
+    pub fn open(config: &Config, camera: &CameraConfig) -> Result<Self, IpcError> {
+        let publisher = HealthPublisher::create(&config.ipc.settings, &camera.name)?;
+        let now_ns = monotonic_ns();
+        let record = Health {
+            started_monotonic_ns: now_ns,
+            state_since_monotonic_ns: now_ns,
+            process_id: std::process::id(),
+            config_digest: config.digest,
+            ..Health::new()
+        };
+        Ok(Reporter { publisher, record })
+    }
+
+    /// Takes a change of state into the record.
+    pub fn set_state(&mut self, state: &State) {
+        let code = match state {
+            State::Streaming => uvcam_shm_ipc::health::State::Streaming,
+            State::Generating => uvcam_shm_ipc::health::State::Generating,
+            State::Waiting(_) => uvcam_shm_ipc::health::State::Reconnecting,
+            State::Refused(_) => uvcam_shm_ipc::health::State::Refused,
+        };
+        self.enter(code);
+        if let State::Waiting(error) | State::Refused(error) = state {
+            self.record.cause = cause(error) as u32;
+            self.record.set_last_error(&with_causes(error));
+        }
+    }
+
+    /// Says that nothing was heard of the camera's thread.
+    pub fn set_stuck(&mut self, text: &str) {
+        self.enter(uvcam_shm_ipc::health::State::Reconnecting);
+        self.record.cause = Cause::Stuck as u32;
+        self.record.set_last_error(text);
+    }
+
+    /// Says that the driver ends.
+    pub fn set_stopped(&mut self) {
+        self.enter(uvcam_shm_ipc::health::State::Stopped);
+    }
+
+    fn enter(&mut self, state: uvcam_shm_ipc::health::State) {
+        if self.record.state != state as u32 {
+            self.record.state = state as u32;
+            self.record.state_since_monotonic_ns = monotonic_ns();
+        }
+    }
+
+    /// Keeps the frames published a second.
+    pub fn set_frame_rate(&mut self, frame_rate: f64) {
+        self.record.frame_rate = frame_rate;
+    }
+
+    /// Publishes the record with the counters as they are. What fails is told in the log: a camera flies on without its record.
+    pub fn publish(&mut self, counters: &Counters) {
+        let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        self.record = Health {
+            written_monotonic_ns: monotonic_ns(),
+            published: count(&counters.published),
+            lost: count(&counters.lost),
+            incomplete: count(&counters.incomplete),
+            no_free_slot: count(&counters.no_free_slot),
+            epochs: count(&counters.epochs),
+            failures: count(&counters.failures),
+            temperature_c: counters.temperature_c(),
+            resident_bytes: resident_bytes(),
+            cpu_ns: cpu_ns(),
+            mask_id: counters.mask_id().0,
+            arrival_to_masked: counters.arrival_to_masked.summary(),
+            masked_to_sent: counters.masked_to_sent.summary(),
+            ..self.record
+        };
+        if let Err(error) = self.publisher.publish(&self.record) {
+            tracing::debug!("health: {error}");
+        }
+    }
+
+    /// Gives the record to readers that have come since.
+    pub fn serve_newcomers(&self) {
+        if let Err(error) = self.publisher.serve_newcomers() {
+            tracing::debug!("health: {error}");
+        }
+    }
+}
+
+/// What an error means to whoever looks at the camera from outside.
+fn cause(error: &Error) -> Cause {
+    match error {
+        Error::Camera(CameraError::Absent { .. }) => Cause::Absent,
+        Error::Camera(CameraError::Disconnected { .. }) => Cause::Disconnected,
+        Error::Camera(CameraError::Refused { .. }) | Error::NotRestored(_) => Cause::Settings,
+        Error::Mask(_) | Error::MaskFile(_) | Error::Apply(_) | Error::Image(_) => Cause::Mask,
+        Error::Ipc(_) | Error::Loan(_) | Error::Header(_) => Cause::SharedMemory,
+        _ => Cause::Device,
+    }
+}
+
+/// Memory of this process (proc_pid_status(5): `VmRSS`, in kB); 0 where the system does not tell.
+fn resident_bytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.strip_suffix("kB"));
+    resident.and_then(|kilobytes| kilobytes.trim().parse::<u64>().ok()).unwrap_or(0) * 1024
+}
+
+/// Processor time of all threads of this process.
+fn cpu_ns() -> u64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    let seconds = u64::try_from(time.tv_sec).unwrap_or(0);
+    seconds.saturating_mul(1_000_000_000).saturating_add(u64::try_from(time.tv_nsec).unwrap_or(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_and_processor_time_of_this_process_are_known() {
+        let before = cpu_ns();
+        let filled = vec![1u8; 32 << 20];
+        assert!(resident_bytes() > 32 << 20, "{} bytes are in use", filled.len());
+        assert!(cpu_ns() > before);
+    }
+
+    #[test]
+    fn causes_tell_devices_masks_settings_and_memory_apart() {
+        let serial = || String::from("left");
+        let disconnected = CameraError::Disconnected { serial: serial(), doing: "streaming" };
+        assert_eq!(cause(&disconnected.into()), Cause::Disconnected);
+        assert_eq!(cause(&Error::Mask("white".into())), Cause::Mask);
+        assert_eq!(cause(&Error::NotRestored("gain".into())), Cause::Settings);
+        assert_eq!(cause(&IpcError::AlreadyPublishing("left".into()).into()), Cause::SharedMemory);
+    }
+}
