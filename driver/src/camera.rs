@@ -21,11 +21,12 @@ pub mod simulated;
 
 pub use error::CameraError;
 
-/// A camera that has been opened. It belongs to one thread, from opening to drop.
+/// A camera that has been opened. It belongs to one thread at a time; one that has failed may be dropped on another, as closing a
+/// dead device can take seconds.
 ///
 /// The order of calls is `configure`, then `queue` and `start`, then `next` and `queue` in turn, then `stop`.
 /// Dropping a camera stops it and gives every queued slot back.
-pub trait Camera {
+pub trait Camera: Send {
     /// Who the device says it is.
     fn identity(&self) -> &Identity;
 

@@ -11,6 +11,7 @@ use uvcam_shm_ipc::PixelFormat;
 
 use crate::camera::Settings;
 use crate::realtime::Realtime;
+use crate::supervise::CLOSING;
 
 mod document;
 mod error;
@@ -39,6 +40,13 @@ pub struct Ipc {
     pub settings: uvcam_shm_ipc::Settings,
     /// Slots that a camera fills in turn.
     pub slots: usize,
+}
+
+impl Ipc {
+    /// Slots in the hands of the driver: those that the camera fills, and as many that a dead one holds until it is closed.
+    pub fn loans(&self) -> usize {
+        (1 + CLOSING) * self.slots
+    }
 }
 
 /// `[[camera]]`
@@ -160,6 +168,16 @@ pub enum FaultKind {
     },
     /// The camera is gone.
     Unplug {
+        /// For how long.
+        seconds: f64,
+    },
+    /// The camera is gone for an instant, and then reads back another exposure than was set.
+    WrongSettings {
+        /// How many times.
+        count: u64,
+    },
+    /// A call into the camera's library does not return.
+    Hang {
         /// For how long.
         seconds: f64,
     },

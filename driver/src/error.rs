@@ -97,9 +97,9 @@ impl Error {
         }
     }
 
-    /// Whether trying again cannot help until someone changes the mask or the configuration.
+    /// Whether trying again cannot help until someone changes the mask. A camera that refuses a setting may take it after its next reset.
     pub fn is_final(&self) -> bool {
-        self.exit() == Exit::Refused
+        self.exit() == Exit::Refused && !matches!(self, Error::Camera(_))
     }
 }
 

@@ -19,10 +19,12 @@ use crate::error::Error;
 use crate::generate::Order;
 use crate::mask::MaskInForce;
 
+mod silence;
+
+use silence::Silence;
+
 /// Longest wait for a frame before the thread looks at its commands.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// A camera that delivers nothing for this long, and for ten frame periods, has failed.
-const SILENCE_NS: u64 = 1_000_000_000;
 /// Time between looks at the device's temperature, which take it a millisecond.
 const TEMPERATURE_PERIOD_NS: u64 = 10_000_000_000;
 
@@ -51,6 +53,8 @@ pub struct FramePath<'a> {
     pub counters: &'a Counters,
     /// What stays the same over the epoch, and the place of the next frame's stamps.
     pub header: FrameHeader,
+    /// How long the camera may take to its first frame, where that is longer than it may fall silent later.
+    pub first_frame_patience: Duration,
     /// How many slots the camera fills in turn.
     pub slots: usize,
     /// Where the stream stands; starts at its default.
@@ -79,8 +83,7 @@ impl FramePath<'_> {
         self.counters.set_mask_id(self.mask.as_deref().map(Mask::id));
         self.fill_queue()?;
         self.camera.start()?;
-        let patience_ns = SILENCE_NS.max(10 * self.header.frame_period_ns);
-        let mut last_sign_of_life_ns = monotonic_ns();
+        let mut silence = Silence::new(self.header.frame_period_ns, self.first_frame_patience);
         let mut streaming = Some(streaming);
         // Relaxed: the flag carries no data, and is seen within one `PATIENCE`.
         while !stop.load(Ordering::Relaxed) {
@@ -91,28 +94,22 @@ impl FramePath<'_> {
             }
             match self.camera.next(PATIENCE)? {
                 Event::Complete(capture) => {
-                    last_sign_of_life_ns = capture.arrival_monotonic_ns;
+                    let arrival_ns = capture.arrival_monotonic_ns;
+                    silence.broken(arrival_ns);
                     self.position.queued -= 1;
                     // Said first: who has seen a frame may rely on the driver's state.
                     if let Some(streaming) = streaming.take() {
                         streaming();
                     }
                     self.publish(capture)?;
-                    self.take_temperature(last_sign_of_life_ns);
+                    self.take_temperature(arrival_ns);
                 }
                 Event::Incomplete(slot) => {
-                    last_sign_of_life_ns = monotonic_ns();
                     add(&self.counters.incomplete, 1);
                     self.camera.queue(slot)?;
+                    silence.lasts(&self.camera.identity().serial, 1)?;
                 }
-                Event::Timeout => {
-                    let silent_ns = monotonic_ns().saturating_sub(last_sign_of_life_ns);
-                    if silent_ns > patience_ns {
-                        return Err(self
-                            .failed(format!("no frame for {:.1} s", silent_ns as f64 * 1e-9))
-                            .into());
-                    }
-                }
+                Event::Timeout => silence.lasts(&self.camera.identity().serial, 0)?,
             }
             self.fill_queue()?;
         }

@@ -112,6 +112,8 @@ fn cause(error: &Error) -> Cause {
     match error {
         Error::Camera(CameraError::Absent { .. }) => Cause::Absent,
         Error::Camera(CameraError::Disconnected { .. }) => Cause::Disconnected,
+        Error::Camera(CameraError::Silent { .. }) => Cause::Silent,
+        Error::Camera(CameraError::Incomplete { .. }) => Cause::Incomplete,
         Error::Camera(CameraError::Refused { .. }) | Error::NotRestored(_) => Cause::Settings,
         Error::Mask(_) | Error::MaskFile(_) | Error::Apply(_) | Error::Image(_) => Cause::Mask,
         Error::Ipc(_) | Error::Loan(_) | Error::Header(_) => Cause::SharedMemory,

@@ -1,7 +1,7 @@
 //! One thread a camera: opens it, walks the frame path, and opens it again when it fails.
 //!
-//! A camera that refuses a setting or has no mask that can fly is left closed until a command brings another mask; everything
-//! else is tried again, at once at first, then every few seconds.
+//! A camera that has no mask that can fly is left closed until a command brings another mask; everything else is tried again, at
+//! once at first, then every few seconds. A camera that failed is closed on another thread.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use uvcam_shm_ipc::{Flags, FrameHeader, Publisher, realtime_ns};
 
-use crate::camera::aravis::AravisCamera;
+use crate::camera::aravis::Finder;
 use crate::camera::replay::ReplayCamera;
 use crate::camera::simulated::Device;
 use crate::camera::{Applied, Camera, CameraError};
@@ -21,8 +21,13 @@ use crate::frame_path::{Command, FramePath, Position};
 use crate::generate::Order;
 use crate::mask::{self, MaskInForce};
 
-/// Waits between attempts to open a camera: the first, and the longest.
-const BACK_OFF: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(5));
+mod back_off;
+mod closing;
+
+use back_off::BackOff;
+pub(crate) use closing::CLOSING;
+use closing::Closing;
+
 /// How long a waiting thread takes to see that it is to stop.
 const PATIENCE: Duration = Duration::from_millis(100);
 
@@ -39,6 +44,16 @@ pub enum State {
     Refused(Error),
 }
 
+impl State {
+    /// Whether `other` is no news.
+    pub fn says_the_same(&self, other: &State) -> bool {
+        match (self, other) {
+            (State::Waiting(one), State::Waiting(other)) => with_causes(one) == with_causes(other),
+            _ => false,
+        }
+    }
+}
+
 /// A change of state of one camera, by its place in the configuration.
 #[derive(Debug)]
 pub struct Notice {
@@ -50,7 +65,7 @@ pub struct Notice {
 
 /// Opens the device that a source names, as often as needed.
 enum Opener {
-    Aravis(String),
+    Aravis(Finder),
     Replay(std::path::PathBuf),
     Simulated(Device),
 }
@@ -58,15 +73,15 @@ enum Opener {
 impl Opener {
     fn new(source: &Source) -> Self {
         match source {
-            Source::Aravis { serial } => Opener::Aravis(serial.clone()),
+            Source::Aravis { serial } => Opener::Aravis(Finder::new(serial)),
             Source::Replay { path } => Opener::Replay(path.clone()),
             Source::Simulated(script) => Opener::Simulated(Device::new(script.clone())),
         }
     }
 
-    fn open(&self) -> Result<Box<dyn Camera>, CameraError> {
+    fn open(&mut self) -> Result<Box<dyn Camera>, CameraError> {
         Ok(match self {
-            Opener::Aravis(serial) => Box::new(AravisCamera::open(serial)?),
+            Opener::Aravis(finder) => Box::new(finder.open()?),
             Opener::Replay(path) => Box::new(ReplayCamera::open(path)?),
             Opener::Simulated(device) => Box::new(device.open()?),
         })
@@ -88,6 +103,7 @@ pub struct Supervisor {
     ipc: Ipc,
     opener: Opener,
     publisher: Option<Publisher>,
+    closing: Closing,
     commands: Receiver<Command>,
     notify: Box<dyn Fn(Notice) + Send>,
     counters: Arc<Counters>,
@@ -106,7 +122,8 @@ impl Supervisor {
         stop: Arc<AtomicBool>,
     ) -> Self {
         let opener = Opener::new(&camera.source);
-        Supervisor { place, camera, ipc, opener, publisher: None, commands, notify, counters, stop }
+        let closing = Closing::default();
+        Supervisor { place, camera, ipc, opener, publisher: None, closing, commands, notify, counters, stop }
     }
 
     /// Fulfils an order for a camera that no driver runs.
@@ -119,14 +136,23 @@ impl Supervisor {
 
     /// Runs until told to stop.
     pub fn run(mut self) {
-        let mut wait = BACK_OFF.0;
-        let Some(mut mask) = self.first_mask() else { return };
+        if let Some(mask) = self.first_mask() {
+            self.keep_streaming(mask);
+        }
+        self.closing.finish();
+    }
+
+    /// Opens the camera as often as needed, until told to stop.
+    fn keep_streaming(&mut self, mut mask: MaskInForce) {
+        let mut back_off = BackOff::default();
         while !self.stopped() {
+            let begin = Instant::now();
             let published_before = self.counters.published.load(Ordering::Relaxed);
-            let Err(error) = self.stream(&mut mask) else { return };
+            let Err(error) = self.stream(&mut mask, back_off.listening()) else { return };
             add(&self.counters.failures, 1);
-            if self.counters.published.load(Ordering::Relaxed) > published_before {
-                wait = BACK_OFF.0;
+            let has_worked = self.counters.published.load(Ordering::Relaxed) > published_before;
+            if has_worked || matches!(error, Error::Camera(CameraError::Absent { .. })) {
+                back_off.forget();
             }
             if error.is_final() {
                 self.notify(State::Refused(error));
@@ -136,8 +162,7 @@ impl Supervisor {
                 }
             } else {
                 self.notify(State::Waiting(error));
-                self.pause(wait);
-                wait = (wait * 2).min(BACK_OFF.1);
+                self.pause(back_off.after_failure(begin, Instant::now()));
             }
         }
     }
@@ -156,6 +181,7 @@ impl Supervisor {
     /// Waits until a command brings a mask that can fly; nothing where the driver stops before.
     fn next_mask(&mut self) -> Option<MaskInForce> {
         while !self.stopped() {
+            self.counters.live();
             match self.commands.recv_timeout(PATIENCE) {
                 Ok(Command::Mask(mask)) => return Some(mask),
                 Ok(Command::Generate(order)) => self.fulfil_while_closed(*order),
@@ -166,22 +192,44 @@ impl Supervisor {
         None
     }
 
-    /// Opens the camera and publishes its frames until it fails or the driver stops. Orders for lit frames are fulfilled between two
-    /// epochs.
-    fn stream(&mut self, mask: &mut MaskInForce) -> Result<(), Error> {
+    /// Opens the camera and publishes its frames until it fails or the driver stops.
+    fn stream(&mut self, mask: &mut MaskInForce, listening: Duration) -> Result<(), Error> {
+        while !self.closing.has_room() {
+            if self.stopped() {
+                return Ok(());
+            }
+            self.pause(PATIENCE);
+        }
+        self.counters.live();
         let mut camera = self.opener.open()?;
+        let outcome = self.stream_from(camera.as_mut(), mask, listening);
+        if outcome.is_err() {
+            self.closing.close(&self.camera.name, camera);
+        }
+        outcome
+    }
+
+    /// Publishes the frames of an opened camera. Orders for lit frames are fulfilled between two epochs.
+    fn stream_from(
+        &mut self,
+        camera: &mut dyn Camera,
+        mask: &mut MaskInForce,
+        listening: Duration,
+    ) -> Result<(), Error> {
         loop {
+            self.counters.live();
             let applied = camera.configure(&self.camera.settings)?;
             let header = self.header(&applied, mask);
             let publisher = self.publisher_for(applied.payload_bytes)?;
             let mut path = FramePath {
-                camera: camera.as_mut(),
+                camera,
                 applied: &applied,
                 publisher: &publisher,
                 mask,
                 commands: &self.commands,
                 counters: &self.counters,
                 header,
+                first_frame_patience: listening,
                 slots: self.ipc.slots,
                 position: Position::default(),
             };
@@ -190,7 +238,7 @@ impl Supervisor {
             match order? {
                 Some(order) => {
                     self.notify(State::Generating);
-                    self.fulfil(camera.as_mut(), *order)?;
+                    self.fulfil(camera, *order)?;
                 }
                 None => return Ok(()),
             }
@@ -203,7 +251,7 @@ impl Supervisor {
         match self.publisher.take().filter(|publisher| publisher.frame_bytes() == payload_bytes) {
             Some(publisher) => Ok(publisher),
             None => {
-                Ok(Publisher::create(&self.ipc.settings, &self.camera.name, payload_bytes, self.ipc.slots)?)
+                Ok(Publisher::create(&self.ipc.settings, &self.camera.name, payload_bytes, self.ipc.loans())?)
             }
         }
     }
@@ -255,6 +303,7 @@ impl Supervisor {
     fn pause(&self, duration: Duration) {
         let end = Instant::now() + duration;
         while !self.stopped() && Instant::now() < end {
+            self.counters.live();
             std::thread::sleep(PATIENCE.min(end.saturating_duration_since(Instant::now())));
         }
     }

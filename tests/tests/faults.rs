@@ -1,57 +1,126 @@
 //! What a camera does wrong, and what its consumers and its siblings see of it.
 #![allow(clippy::unwrap_used)]
 
-use uvcam_tests::{Stage, simulated, stderr, wait_until};
+use rustix::process::Signal;
+use uvcam_shm_ipc::health::{Cause, State};
+use uvcam_tests::{Stage, health_where, simulated, stderr, wait_until};
 
-/// Takes `frames` frames of a camera with these faults, and returns (lost, epochs) as the consumer counted, and what the driver
-/// said. A sibling must lose nothing meanwhile.
-fn with_faults(faults: &str, frames: u64) -> (u64, u64, String) {
+/// What a consumer saw of a camera with faults, and what the driver said.
+struct Seen {
+    lost: u64,
+    epochs: u64,
+    /// Times between the last frame of an epoch and the first of the next, seconds.
+    gaps_s: Vec<f64>,
+    said: String,
+}
+
+/// Takes `frames` frames of a camera with these faults. A sibling must lose nothing meanwhile.
+fn with_faults(faults: &str, frames: u64) -> Seen {
     let faulty = simulated("left", "none", &format!(", faults = [{faults}]"));
     let stage = Stage::new(&(faulty + &simulated("right", "none", "")));
     let (mut left, mut right) = (stage.subscriber("left"), stage.subscriber("right"));
     let driver = stage.driver();
+    let (mut gaps_s, mut last_arrival_ns) = (Vec::new(), 0);
     wait_until("the faulty camera's frames are there", || {
-        while left.next().unwrap().is_some() {}
+        while let Some(frame) = left.next().unwrap() {
+            let arrival_ns = frame.header().arrival_monotonic_ns;
+            if frame.epoch_changed() {
+                gaps_s.push((arrival_ns - last_arrival_ns) as f64 * 1e-9);
+            }
+            last_arrival_ns = arrival_ns;
+        }
         while right.next().unwrap().is_some() {}
         left.frames() >= frames
     });
     assert_eq!((right.lost(), right.epochs()), (0, 1), "the sibling of a faulty camera");
     assert!(right.frames() > 0);
-    (left.lost(), left.epochs(), stderr(&driver.stop()))
+    let (lost, epochs) = (left.lost(), left.epochs());
+    println!("{faults}: {lost} lost, {epochs} epochs, without frames for {gaps_s:.2?} s");
+    Seen { lost, epochs, gaps_s, said: stderr(&driver.stop()) }
 }
 
 #[test]
 fn lost_frames_are_counted_exactly() {
     let faults =
         "{ kind = \"lost\", at_frame = 20, count = 3 }, { kind = \"lost\", at_frame = 50, count = 1 }";
-    let (lost, epochs, said) = with_faults(faults, 100);
-    assert_eq!((lost, epochs), (4, 1));
-    assert!(said.contains("left: 1") && said.contains(" 4 lost (0 of them incomplete)"), "{said}");
+    let seen = with_faults(faults, 100);
+    assert_eq!((seen.lost, seen.epochs), (4, 1));
+    assert!(
+        seen.said.contains("left: 1") && seen.said.contains(" 4 lost (0 of them incomplete)"),
+        "{}",
+        seen.said
+    );
 }
 
 #[test]
 fn incomplete_frames_are_not_published_and_counted() {
-    let (lost, epochs, said) = with_faults("{ kind = \"incomplete\", at_frame = 20, count = 2 }", 60);
-    assert_eq!((lost, epochs), (2, 1));
-    assert!(said.contains(" 2 lost (2 of them incomplete)"), "{said}");
+    let seen = with_faults("{ kind = \"incomplete\", at_frame = 20, count = 2 }", 60);
+    assert_eq!((seen.lost, seen.epochs), (2, 1));
+    assert!(seen.said.contains(" 2 lost (2 of them incomplete)"), "{}", seen.said);
 }
 
 #[test]
 fn a_camera_that_falls_silent_is_opened_again() {
-    let (_, epochs, said) = with_faults("{ kind = \"freeze\", at_frame = 20, seconds = 1.5 }", 60);
-    assert_eq!(epochs, 2);
-    assert!(said.contains("left: camera left failed while streaming: no frame for"), "{said}");
+    let seen = with_faults("{ kind = \"freeze\", at_frame = 20, seconds = 1.5 }", 60);
+    assert_eq!(seen.epochs, 2);
+    assert!(seen.said.contains("left: camera left failed while streaming: no frame for"), "{}", seen.said);
+}
+
+#[test]
+fn a_camera_that_stays_silent_is_listened_to_when_it_comes_back() {
+    // Opened again after 1, 2.1, 3.2 s, ... and each time listened to for longer: it comes back to an open stream.
+    let seen = with_faults("{ kind = \"freeze\", at_frame = 20, seconds = 6.0 }", 60);
+    assert!(seen.epochs >= 2, "{} epochs", seen.epochs);
+    assert_eq!(seen.gaps_s.len(), 1, "it came back once: {:?}", seen.gaps_s);
+}
+
+#[test]
+fn a_camera_that_sends_nothing_whole_is_opened_again() {
+    let seen = with_faults("{ kind = \"incomplete\", at_frame = 20, count = 90 }", 60);
+    assert_eq!(seen.epochs, 2);
+    assert!(seen.said.contains("none of them whole"), "{}", seen.said);
 }
 
 #[test]
 fn an_unplugged_camera_is_opened_again_when_it_is_back() {
-    let (_, epochs, said) = with_faults("{ kind = \"unplug\", at_frame = 20, seconds = 0.5 }", 60);
-    assert_eq!(epochs, 2);
-    assert!(said.contains("left: camera left disconnected while"), "{said}");
+    let seen = with_faults("{ kind = \"unplug\", at_frame = 20, seconds = 3.0 }", 60);
+    assert_eq!(seen.epochs, 2);
+    assert!(seen.said.contains("left: camera left disconnected while"), "{}", seen.said);
+    assert_eq!(
+        seen.said.matches("is not connected").count(),
+        1,
+        "told once, not at every look: {}",
+        seen.said
+    );
+}
+
+#[test]
+fn a_camera_that_reads_back_other_settings_publishes_nothing_until_it_takes_them() {
+    let seen = with_faults("{ kind = \"wrong_settings\", at_frame = 20, count = 3 }", 60);
+    assert_eq!(seen.epochs, 2);
+    assert!(seen.said.contains("exposure_us = 1000 refused: the camera gives 2000"), "{}", seen.said);
 }
 
 #[test]
 fn a_short_pause_of_the_camera_is_not_taken_for_a_failure() {
-    let (lost, epochs, _) = with_faults("{ kind = \"freeze\", at_frame = 20, seconds = 0.4 }", 60);
-    assert_eq!((lost, epochs), (0, 1));
+    let seen = with_faults("{ kind = \"freeze\", at_frame = 20, seconds = 0.4 }", 60);
+    assert_eq!((seen.lost, seen.epochs), (0, 1));
+}
+
+#[test]
+fn a_thread_that_is_stuck_in_a_library_is_told_of_and_its_sibling_loses_nothing() {
+    let faulty = simulated("left", "none", ", faults = [{ kind = \"hang\", at_frame = 20, seconds = 13.0 }]");
+    let stage = Stage::new(&(faulty + &simulated("right", "none", "")));
+    let sibling = stage.watch(&["right"]);
+    let driver = stage.driver();
+    let mut left = stage.health("left");
+    let stuck = health_where("a stuck thread", &mut left, |health| health.cause() == Ok(Cause::Stuck));
+    assert_eq!(stuck.state(), Ok(State::Reconnecting));
+    health_where("its return", &mut left, |health| {
+        health.state() == Ok(State::Streaming) && health.published > stuck.published
+    });
+    sibling.signal(Signal::INT);
+    let report = sibling.json();
+    assert_eq!((report["lost"].as_u64(), report["epochs"].as_u64()), (Some(0), Some(1)), "{report}");
+    assert!(stderr(&driver.stop()).contains("left: nothing heard of its thread"));
 }

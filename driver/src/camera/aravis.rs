@@ -19,8 +19,11 @@ use stream::SlotStream;
 mod configure;
 mod discovery;
 mod features;
+mod finder;
 mod gige;
 mod stream;
+
+pub use finder::Finder;
 
 const KIND: &str = "aravis";
 
@@ -54,7 +57,11 @@ impl AravisCamera {
     /// # Errors
     /// [`CameraError::Absent`] with what was found instead; [`CameraError::Device`] where another program controls it.
     pub fn open(serial: &str) -> Result<Self, CameraError> {
-        let discovery::Opened { camera, identity } = discovery::open(serial)?;
+        Ok(AravisCamera::of(discovery::open(serial)?))
+    }
+
+    fn of(opened: discovery::Opened) -> Self {
+        let discovery::Opened { camera, identity } = opened;
         let control_lost = Arc::new(AtomicBool::new(false));
         // USB3 Vision counts nanoseconds.
         let mut tick_frequency_hz = 1e9;
@@ -69,7 +76,7 @@ impl AravisCamera {
             }
         }
         let tells_temperature = camera.is_feature_available("DeviceTemperature").unwrap_or(false);
-        Ok(AravisCamera {
+        AravisCamera {
             slots: SlotStream::default(),
             camera,
             identity,
@@ -78,7 +85,7 @@ impl AravisCamera {
             frame_ids: FrameIdUnwrapper::default(),
             tick_frequency_hz,
             tells_temperature,
-        })
+        }
     }
 
     fn is_gone(&self) -> bool {

@@ -37,6 +37,26 @@ pub enum CameraError {
         /// What the driver was doing.
         doing: &'static str,
     },
+    /// The device is there and sends nothing.
+    #[error("camera {serial} failed while streaming: no frame for {seconds:.1} s")]
+    Silent {
+        /// Its serial.
+        serial: String,
+        /// For how long.
+        seconds: f64,
+    },
+    /// Every frame of the device lacks a part.
+    #[error(
+        "camera {serial} failed while streaming: {frames} frames in {seconds:.1} s, none of them whole; check cable and bandwidth"
+    )]
+    Incomplete {
+        /// Its serial.
+        serial: String,
+        /// How many.
+        frames: u64,
+        /// In which time.
+        seconds: f64,
+    },
     /// The device or its transport failed.
     #[error("camera {serial} failed while {doing}: {cause}")]
     Device {

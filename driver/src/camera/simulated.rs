@@ -38,6 +38,10 @@ struct State {
     /// Frames still to be spoilt by the fault that is under way.
     lose: u64,
     tear: u64,
+    /// Times that the next configurations are not what was asked.
+    misconfigure: u64,
+    /// What it looks at with these settings: a device that is opened again need not draw it anew.
+    scene: Option<(Settings, Arc<Scene>)>,
 }
 
 impl Device {
@@ -74,6 +78,25 @@ impl Device {
         })
     }
 
+    fn misconfigures(&self) -> bool {
+        let mut state = self.state();
+        let is_wrong = state.misconfigure > 0;
+        state.misconfigure = state.misconfigure.saturating_sub(1);
+        is_wrong
+    }
+
+    fn scene(&self, settings: &Settings, draw: impl FnOnce() -> Scene) -> Arc<Scene> {
+        let mut state = self.state();
+        match &state.scene {
+            Some((drawn_for, scene)) if drawn_for == settings => scene.clone(),
+            _ => {
+                let scene = Arc::new(draw());
+                state.scene = Some((settings.clone(), scene.clone()));
+                scene
+            }
+        }
+    }
+
     fn state(&self) -> MutexGuard<'_, State> {
         // The state is plain numbers: valid whatever happened to another holder.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
@@ -87,6 +110,8 @@ enum Fate {
     Incomplete,
     Frozen,
     Unplugged,
+    /// Late, by the library's fault.
+    Hung(Duration),
 }
 
 impl State {
@@ -104,6 +129,11 @@ impl State {
                     self.unplugged_until = Some(now + Duration::from_secs_f64(seconds));
                     return Fate::Unplugged;
                 }
+                FaultKind::WrongSettings { count } => {
+                    self.misconfigure += count;
+                    return Fate::Unplugged;
+                }
+                FaultKind::Hang { seconds } => return Fate::Hung(Duration::from_secs_f64(seconds)),
             }
         }
         if self.frozen_until.is_some() {
@@ -127,7 +157,7 @@ impl State {
 pub struct SimulatedCamera {
     identity: Identity,
     device: Device,
-    scene: Option<Scene>,
+    scene: Option<Arc<Scene>>,
     paced: Paced,
     fps: f64,
 }
@@ -169,10 +199,13 @@ impl Camera for SimulatedCamera {
         settings.check_not_binned()?;
         settings.check_exposure_fits(self.device.script.readout_us)?;
         // As a sensor does, it knows exposures of whole microseconds and gains of tenths of a decibel.
+        let is_wrong = self.device.misconfigures();
         let (exposure_us, gain_db) = (settings.exposure_us.round(), (settings.gain_db * 10.0).round() / 10.0);
-        verify("exposure_us", settings.exposure_us, exposure_us, 1.0)?;
+        let read_back_us = if is_wrong { 2.0 * exposure_us } else { exposure_us };
+        verify("exposure_us", settings.exposure_us, read_back_us, 1.0)?;
         verify("gain_db", settings.gain_db, gain_db.clamp(0.0, 24.0), 0.1)?;
-        let scene = Scene::new(settings, exposure_us, gain_db, self.device.script.still);
+        let still = self.device.script.still;
+        let scene = self.device.scene(settings, || Scene::new(settings, exposure_us, gain_db, still));
         self.scene = Some(scene);
         self.fps = settings.fps;
         Ok(Applied {
@@ -188,7 +221,7 @@ impl Camera for SimulatedCamera {
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
-        let needed = self.scene.as_ref().map_or(0, Scene::frame_bytes);
+        let needed = self.scene.as_ref().map_or(0, |scene| scene.frame_bytes());
         if slot.len() != needed {
             let cause = format!("the slot has {} bytes, a frame {needed}", slot.len());
             return Err(CameraError::Device {
@@ -237,6 +270,11 @@ impl Camera for SimulatedCamera {
                 }
                 Fate::Lost => self.paced.requeue(due.slot),
                 Fate::Frozen => self.paced.withdraw(due),
+                Fate::Hung(duration) => {
+                    self.paced.withdraw(due);
+                    std::thread::sleep(duration);
+                    self.paced.resume();
+                }
                 Fate::Unplugged => return Err(self.disconnected("waiting for a frame")),
             }
         }

@@ -37,6 +37,12 @@ const TICK: Duration = Duration::from_secs(1);
 /// How often it looks for questions.
 const GLANCE: Duration = Duration::from_millis(50);
 
+/// A camera's thread from which nothing was heard for this long is stuck: the longest calls of a library give up after five seconds.
+const STUCK_NS: u64 = 10_000_000_000;
+
+/// How long the driver's end waits for a camera's thread.
+const FAREWELL: Duration = Duration::from_secs(10);
+
 /// What the main thread hears of.
 enum Event {
     Signal(i32),
@@ -53,6 +59,7 @@ struct Running {
     thread: Option<JoinHandle<()>>,
     state: Option<State>,
     health: Reporter,
+    is_stuck: bool,
     /// CLOCK_MONOTONIC in ns, and the frames published, at the last tick.
     last_tick: (u64, u64),
     frame_rate: f64,
@@ -74,9 +81,7 @@ pub(super) fn execute(arguments: &args::Run, config: &Config) -> Result<Exit, Er
 
     stop.store(true, Ordering::Relaxed);
     for camera in &mut cameras {
-        if camera.thread.take().is_some_and(|thread| thread.join().is_err()) {
-            tracing::error!("{}: its thread ended by a panic", camera.config.name);
-        }
+        camera.join();
         camera.health.set_stopped();
         camera.health.publish(&camera.counters);
         summarise(camera);
@@ -125,6 +130,7 @@ fn start(
         counters.clone(),
         stop.clone(),
     );
+    counters.live();
     let (realtime, name) = (camera.realtime.clone(), camera.name.clone());
     let thread = spawn(&camera.name, move || {
         realtime.apply(&name);
@@ -138,6 +144,7 @@ fn start(
         thread: Some(thread),
         state: None,
         health,
+        is_stuck: false,
         last_tick: (monotonic_ns(), 0),
         frame_rate: 0.0,
     })
@@ -242,8 +249,25 @@ fn reload_masks(cameras: &[Running]) {
 }
 
 impl Running {
+    /// Waits for the end of the camera's thread; not for one that is stuck.
+    fn join(&mut self) {
+        let Some(thread) = self.thread.take() else { return };
+        let end = Instant::now() + FAREWELL;
+        while !thread.is_finished() && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        if !thread.is_finished() {
+            tracing::error!("{}: its thread is stuck and left behind", self.config.name);
+        } else if thread.join().is_err() {
+            tracing::error!("{}: its thread ended by a panic", self.config.name);
+        }
+    }
+
     fn enter(&mut self, state: State) {
-        report(self, &state);
+        // A camera that is looked for ten times a second is not spoken of as often.
+        if self.state.as_ref().is_none_or(|before| !before.says_the_same(&state)) {
+            report(self, &state);
+        }
         self.health.set_state(&state);
         self.health.publish(&self.counters);
         self.state = Some(state);
@@ -256,7 +280,31 @@ impl Running {
         self.frame_rate = now.1.saturating_sub(self.last_tick.1) as f64 / seconds;
         self.last_tick = now;
         self.health.set_frame_rate(self.frame_rate);
+        self.watch(now.0);
         self.health.publish(&self.counters);
+    }
+
+    /// Looks whether the camera's thread is stuck in a call of a library, or free again.
+    fn watch(&mut self, now_ns: u64) {
+        let silent_ns = now_ns.saturating_sub(self.counters.last_sign_of_life_ns());
+        // A thread that collects lit frames is watched by whoever ordered them.
+        let is_stuck = silent_ns > STUCK_NS && !matches!(self.state, Some(State::Generating));
+        if is_stuck {
+            let text = format!("nothing heard of its thread for {} s", silent_ns / 1_000_000_000);
+            if !self.is_stuck {
+                tracing::error!(
+                    "{}: {text}: a call into the camera's library does not return",
+                    self.config.name
+                );
+            }
+            self.health.set_stuck(&text);
+        } else if self.is_stuck {
+            tracing::warn!("{}: its thread goes on", self.config.name);
+            if let Some(state) = &self.state {
+                self.health.set_state(state);
+            }
+        }
+        self.is_stuck = is_stuck;
     }
 
     /// The camera in a few words.

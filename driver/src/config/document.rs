@@ -1,5 +1,6 @@
 //! The file as written, and its way to a valid [`Config`].
 
+mod faults;
 mod generate;
 
 use std::fmt::Display;
@@ -9,10 +10,11 @@ use serde::Deserialize;
 use toml::Spanned;
 use uvcam_shm_ipc::PixelFormat;
 
+use self::faults::FaultTable;
 use self::generate::GenerateTable;
 use super::error::Text;
 use super::realtime::RealtimeTable;
-use super::{CameraConfig, Config, ConfigError, Fault, FaultKind, Ipc, MaskChoice, Simulated, Source};
+use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice, Simulated, Source};
 use crate::camera::Settings;
 
 #[derive(Deserialize)]
@@ -67,15 +69,6 @@ struct SourceTable {
     still: Option<Spanned<bool>>,
     readout_us: Option<Spanned<f64>>,
     faults: Option<Spanned<Vec<FaultTable>>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct FaultTable {
-    kind: Spanned<String>,
-    at_frame: u64,
-    count: Option<Spanned<u64>>,
-    seconds: Option<Spanned<f64>>,
 }
 
 /// What may name a camera or a UAV.
@@ -290,35 +283,6 @@ impl Reader<'_> {
                 Err(self.0.refuse(kind.span(), "kind", format!("\"{other}\""), allowed))
             }
         }
-    }
-
-    fn faults(&self, tables: Vec<FaultTable>) -> Result<Vec<Fault>, ConfigError> {
-        let mut faults = Vec::with_capacity(tables.len());
-        for FaultTable { kind, at_frame, count, seconds } in tables {
-            let count = || {
-                self.value_or("count", count.clone(), 1, "1 to 1000000 frames", |n| {
-                    (1..=1_000_000).contains(n)
-                })
-            };
-            let seconds = || {
-                self.value_or("seconds", seconds.clone(), 1.0, "0.001 to 3600 s", |s| {
-                    (0.001..=3600.0).contains(s)
-                })
-            };
-            let fault = match kind.get_ref().as_str() {
-                "lost" => FaultKind::Lost { count: count()? },
-                "incomplete" => FaultKind::Incomplete { count: count()? },
-                "freeze" => FaultKind::Freeze { seconds: seconds()? },
-                "unplug" => FaultKind::Unplug { seconds: seconds()? },
-                other => {
-                    let allowed = "\"lost\", \"incomplete\", \"freeze\" or \"unplug\"";
-                    return Err(self.0.refuse(kind.span(), "kind", format!("\"{other}\""), allowed));
-                }
-            };
-            faults.push(Fault { at_frame, kind: fault });
-        }
-        faults.sort_by_key(|fault| fault.at_frame);
-        Ok(faults)
     }
 
     /// A relative path starts at the configuration's folder.

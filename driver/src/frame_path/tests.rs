@@ -100,6 +100,7 @@ fn from_complete_to_sent_nothing_is_allocated() {
         commands: &commands,
         counters: &counters,
         header: FrameHeader::new(WIDTH, HEIGHT, WIDTH, PixelFormat::Mono8),
+        first_frame_patience: PATIENCE,
         slots: SLOTS,
         position: Position::default(),
     };

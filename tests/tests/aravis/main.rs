@@ -5,6 +5,7 @@
 
 mod fake;
 mod gige;
+mod supervision;
 
 use std::time::Duration;
 

@@ -1,10 +1,10 @@
 //! Which cameras are there, and opening one of them.
 //!
 //! The library keeps one list of devices for each transport, without a lock of its own: every use of a list, opening included,
-//! happens under [`LIBRARY`], so that camera threads may open in parallel.
+//! happens in [`Transport::with`], so that camera threads may open in parallel, and no USB camera waits for a look round the network.
 
 use std::net::Ipv4Addr;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use aravis::glib::GString;
 use aravis::glib::object::Cast;
@@ -15,14 +15,45 @@ use super::KIND;
 use super::features::failed;
 use crate::camera::{CameraError, Identity};
 
-static LIBRARY: Mutex<()> = Mutex::new(());
-
 /// The library's camera in this process, which needs no hardware.
 const FAKE_DEVICE_ID: &str = "Fake_1";
+/// How the library names its transports.
+const USB3_VISION: &str = "USB3Vision";
+const GIGE_VISION: &str = "GigEVision";
 
-fn library() -> MutexGuard<'static, ()> {
-    // The lists are updated as a whole: a panic elsewhere leaves nothing half done.
-    LIBRARY.lock().unwrap_or_else(PoisonError::into_inner)
+/// A way to cameras, with a list of its own in the library.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Transport {
+    Usb,
+    Gige,
+    Fake,
+}
+
+impl Transport {
+    /// Those of devices, in the order of a search.
+    const REAL: [Transport; 2] = [Transport::Usb, Transport::Gige];
+
+    /// That of a device that was found before.
+    pub(super) fn of(identity: &Identity) -> Self {
+        match identity.transport.as_str() {
+            USB3_VISION => Transport::Usb,
+            GIGE_VISION => Transport::Gige,
+            _ => Transport::Fake,
+        }
+    }
+
+    /// Works with the library's list while nobody else does; `None` where the library has been built without this transport.
+    fn with<T>(self, work: impl FnOnce(&Interface) -> T) -> Option<T> {
+        static LISTS: [Mutex<()>; 3] = [const { Mutex::new(()) }; 3];
+        // A list is updated as a whole: a panic elsewhere leaves nothing half done.
+        let _list = LISTS.get(self as usize).map(|list| list.lock().unwrap_or_else(PoisonError::into_inner));
+        let interface = match self {
+            Transport::Usb => UvInterface::instance(),
+            Transport::Gige => GvInterface::instance(),
+            Transport::Fake => FakeInterface::instance(),
+        };
+        interface.map(|interface| work(&interface))
+    }
 }
 
 /// One entry of a device list.
@@ -46,37 +77,44 @@ pub(super) struct Opened {
 
 /// All connected USB3 Vision and GigE Vision cameras. GigE Vision takes about a second: every interface is asked by broadcast.
 pub(super) fn list() -> Vec<Identity> {
-    let _library = library();
-    [UvInterface::instance(), GvInterface::instance()]
-        .into_iter()
-        .flatten()
-        .flat_map(|interface| scan(&interface))
-        .map(|found| found.identity)
-        .collect()
+    let found = Transport::REAL.into_iter().filter_map(|transport| transport.with(scan)).flatten();
+    found.map(|found| found.identity).collect()
 }
 
 /// Opens the device with the serial, device id or IPv4 address `wanted`.
 pub(super) fn open(wanted: &str) -> Result<Opened, CameraError> {
-    let _library = library();
     if wanted == FAKE_DEVICE_ID {
-        return match FakeInterface::instance() {
-            Some(interface) => {
-                open_listed(&interface, &scan(&interface), wanted).unwrap_or_else(|| Err(absent(wanted, &[])))
-            }
-            None => Err(absent(wanted, &[])),
-        };
+        return search(wanted, &[Transport::Fake]);
     }
     // Not every string: the library would resolve it as a host name, a serial of digits alone as the address 0.0.x.y.
-    if let Ok(address) = wanted.parse::<Ipv4Addr>() {
-        return open_address(address);
+    match wanted.parse::<Ipv4Addr>() {
+        Ok(address) => open_address(address),
+        Err(_) => search(wanted, &Transport::REAL),
     }
-    let mut all = Vec::new();
-    for interface in [UvInterface::instance(), GvInterface::instance()].into_iter().flatten() {
-        let found = scan(&interface);
-        if let Some(opened) = open_listed(&interface, &found, wanted) {
-            return opened;
+}
+
+/// Opens a device that was found before, where it was found. A GigE Vision camera is opened at its address.
+pub(super) fn reopen(identity: &Identity) -> Result<Opened, CameraError> {
+    match (Transport::of(identity), identity.address.parse::<Ipv4Addr>()) {
+        (Transport::Gige, Ok(address)) => {
+            open_address(address).map(|opened| Opened { identity: identity.clone(), ..opened })
         }
-        all.extend(found);
+        (transport, _) => search(&identity.serial, &[transport]),
+    }
+}
+
+fn search(wanted: &str, transports: &[Transport]) -> Result<Opened, CameraError> {
+    let mut all = Vec::new();
+    for transport in transports {
+        let outcome = transport.with(|interface| {
+            let found = scan(interface);
+            open_listed(interface, &found, wanted).ok_or(found)
+        });
+        match outcome {
+            Some(Ok(opened)) => return opened,
+            Some(Err(found)) => all.extend(found),
+            None => {}
+        }
     }
     Err(absent(wanted, &all))
 }
@@ -89,7 +127,7 @@ fn scan(interface: &Interface) -> Vec<Found> {
             let transport = text(interface.device_protocol(index));
             // The library knows no address of a USB device; its GUID is what stays the same on every port.
             let address = match transport.as_str() {
-                "USB3Vision" => interface.device_physical_id(index),
+                USB3_VISION => interface.device_physical_id(index),
                 _ => interface.device_address(index),
             };
             Found {
@@ -119,20 +157,19 @@ fn open_listed(interface: &Interface, found: &[Found], wanted: &str) -> Option<R
 /// Opens a GigE Vision camera without asking every interface for others.
 fn open_address(address: Ipv4Addr) -> Result<Opened, CameraError> {
     let wanted = address.to_string();
-    let Some(interface) = GvInterface::instance() else { return Err(absent(&wanted, &[])) };
-    let device = match interface.open_device(Some(&wanted)) {
-        Ok(device) => device,
-        Err(error) if error.matches(DeviceError::NotFound) => return Err(absent(&wanted, &scan(&interface))),
-        Err(error) => return Err(failed(&wanted, "opening", error)),
-    };
-    let camera = control(&device, &wanted)?;
+    let opened = Transport::Gige.with(|interface| match interface.open_device(Some(&wanted)) {
+        Ok(device) => Ok(device),
+        Err(error) if error.matches(DeviceError::NotFound) => Err(absent(&wanted, &scan(interface))),
+        Err(error) => Err(failed(&wanted, "opening", error)),
+    });
+    let camera = control(&opened.unwrap_or_else(|| Err(absent(&wanted, &[])))?, &wanted)?;
     let text = |value: Result<GString, _>| value.map(String::from).unwrap_or_default();
     let identity = Identity {
         kind: KIND,
         vendor: text(camera.vendor_name()),
         model: text(camera.model_name()),
         serial: text(camera.device_serial_number()),
-        transport: "GigEVision".into(),
+        transport: GIGE_VISION.into(),
         address: wanted,
     };
     Ok(Opened { camera, identity })

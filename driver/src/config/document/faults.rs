@@ -1,0 +1,47 @@
+//! The script of a simulated camera's faults.
+
+use serde::Deserialize;
+use toml::Spanned;
+
+use super::{ConfigError, Reader};
+use crate::config::{Fault, FaultKind};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct FaultTable {
+    kind: Spanned<String>,
+    at_frame: u64,
+    count: Option<Spanned<u64>>,
+    seconds: Option<Spanned<f64>>,
+}
+
+impl Reader<'_> {
+    pub(super) fn faults(&self, tables: Vec<FaultTable>) -> Result<Vec<Fault>, ConfigError> {
+        let mut faults = Vec::with_capacity(tables.len());
+        for FaultTable { kind, at_frame, count, seconds } in tables {
+            let count =
+                || self.value_or("count", count.clone(), 1, "1 to 1000000", |n| (1..=1_000_000).contains(n));
+            let seconds = || {
+                self.value_or("seconds", seconds.clone(), 1.0, "0.001 to 3600 s", |s| {
+                    (0.001..=3600.0).contains(s)
+                })
+            };
+            let fault = match kind.get_ref().as_str() {
+                "lost" => FaultKind::Lost { count: count()? },
+                "incomplete" => FaultKind::Incomplete { count: count()? },
+                "freeze" => FaultKind::Freeze { seconds: seconds()? },
+                "unplug" => FaultKind::Unplug { seconds: seconds()? },
+                "wrong_settings" => FaultKind::WrongSettings { count: count()? },
+                "hang" => FaultKind::Hang { seconds: seconds()? },
+                other => {
+                    let allowed =
+                        "\"lost\", \"incomplete\", \"freeze\", \"unplug\", \"wrong_settings\" or \"hang\"";
+                    return Err(self.0.refuse(kind.span(), "kind", format!("\"{other}\""), allowed));
+                }
+            };
+            faults.push(Fault { at_frame, kind: fault });
+        }
+        faults.sort_by_key(|fault| fault.at_frame);
+        Ok(faults)
+    }
+}

@@ -1,0 +1,91 @@
+//! When a camera that sends nothing whole has failed.
+
+use std::time::Duration;
+
+use uvcam_shm_ipc::monotonic_ns;
+
+use crate::camera::CameraError;
+
+/// A camera that delivers nothing whole for this long, and for ten frame periods, has failed.
+const SILENCE_NS: u64 = 1_000_000_000;
+
+/// How long no whole frame has come, and how many others.
+#[derive(Debug)]
+pub(super) struct Silence {
+    since_ns: u64,
+    usual_patience_ns: u64,
+    patience_ns: u64,
+    incomplete: u64,
+}
+
+impl Silence {
+    /// Begins with the stream. Its first frame may take `first_frame_patience`, where that is longer than the usual patience.
+    pub(super) fn new(frame_period_ns: u64, first_frame_patience: Duration) -> Self {
+        let usual_patience_ns = SILENCE_NS.max(frame_period_ns.saturating_mul(10));
+        let first_ns = u64::try_from(first_frame_patience.as_nanos()).unwrap_or(u64::MAX);
+        let patience_ns = usual_patience_ns.max(first_ns);
+        Silence { since_ns: monotonic_ns(), usual_patience_ns, patience_ns, incomplete: 0 }
+    }
+
+    /// A whole frame came, at `now_ns` of CLOCK_MONOTONIC.
+    pub(super) fn broken(&mut self, now_ns: u64) {
+        *self = Silence { since_ns: now_ns, patience_ns: self.usual_patience_ns, incomplete: 0, ..*self };
+    }
+
+    /// Fails where it has lasted too long; `incomplete` frames came instead.
+    pub(super) fn lasts(&mut self, serial: &str, incomplete: u64) -> Result<(), CameraError> {
+        self.lasts_at(monotonic_ns(), serial, incomplete)
+    }
+
+    fn lasts_at(&mut self, now_ns: u64, serial: &str, incomplete: u64) -> Result<(), CameraError> {
+        self.incomplete += incomplete;
+        let silent_ns = now_ns.saturating_sub(self.since_ns);
+        if silent_ns <= self.patience_ns {
+            return Ok(());
+        }
+        let (serial, seconds) = (serial.to_owned(), silent_ns as f64 * 1e-9);
+        Err(match self.incomplete {
+            0 => CameraError::Silent { serial, seconds },
+            frames => CameraError::Incomplete { serial, frames, seconds },
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD_NS: u64 = 16_666_667;
+
+    #[test]
+    fn a_second_of_silence_is_a_failure_unless_ten_periods_are_longer() {
+        for (period_ns, patience_ns) in [(PERIOD_NS, SILENCE_NS), (SILENCE_NS, 10 * SILENCE_NS)] {
+            let mut silence = Silence::new(period_ns, Duration::ZERO);
+            let begin_ns = silence.since_ns;
+            assert!(silence.lasts_at(begin_ns + patience_ns, "left", 0).is_ok());
+            let failed = silence.lasts_at(begin_ns + patience_ns + 1, "left", 0);
+            assert!(matches!(failed, Err(CameraError::Silent { .. })), "{failed:?}");
+        }
+    }
+
+    #[test]
+    fn the_first_frame_has_its_own_patience_and_later_ones_the_usual() {
+        let mut silence = Silence::new(PERIOD_NS, Duration::from_secs(5));
+        let first_ns = silence.since_ns + 5 * SILENCE_NS;
+        assert!(silence.lasts_at(first_ns, "left", 0).is_ok());
+        silence.broken(first_ns);
+        assert!(silence.lasts_at(first_ns + SILENCE_NS, "left", 0).is_ok());
+        assert!(silence.lasts_at(first_ns + SILENCE_NS + 1, "left", 0).is_err());
+    }
+
+    #[test]
+    fn incomplete_frames_do_not_break_it() {
+        let mut silence = Silence::new(PERIOD_NS, Duration::ZERO);
+        let begin_ns = silence.since_ns;
+        for frame in 1..=60 {
+            assert!(silence.lasts_at(begin_ns + frame * PERIOD_NS / 2, "left", 1).is_ok());
+        }
+        let failed = silence.lasts_at(begin_ns + SILENCE_NS + 1, "left", 1);
+        assert!(matches!(failed, Err(CameraError::Incomplete { frames: 61, .. })), "{failed:?}");
+    }
+}

@@ -1,0 +1,50 @@
+//! Cameras that have failed, on their way out.
+//!
+//! To close a device that does not answer takes its library up to ten seconds (GigE Vision: every farewell is sent five times, half a
+//! second apart). It happens on a thread of its own, while the next attempt to open it runs. The slots that the dead device holds come
+//! back with it.
+
+use std::thread::{Builder, JoinHandle};
+use std::time::{Duration, Instant};
+
+use crate::camera::Camera;
+
+/// Dead devices that may hold slots while another one is opened.
+pub(crate) const CLOSING: usize = 1;
+/// How long the end of the driver waits for them.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// Time between looks at them.
+const NAP: Duration = Duration::from_millis(10);
+
+/// The threads that close cameras.
+#[derive(Debug, Default)]
+pub(super) struct Closing {
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Closing {
+    /// Closes a camera elsewhere; here, where there is no thread to be had.
+    pub(super) fn close(&mut self, name: &str, camera: Box<dyn Camera>) {
+        if let Ok(thread) = Builder::new().name(format!("{name}-close")).spawn(move || drop(camera)) {
+            self.threads.push(thread);
+        }
+    }
+
+    /// Whether no more than [`CLOSING`] cameras are on their way out.
+    pub(super) fn has_room(&mut self) -> bool {
+        self.unfinished() <= CLOSING
+    }
+
+    /// Waits for all of them, for a while: a dead device must not hold up the end of the driver.
+    pub(super) fn finish(&mut self) {
+        let end = Instant::now() + PATIENCE;
+        while self.unfinished() > 0 && Instant::now() < end {
+            std::thread::sleep(NAP);
+        }
+    }
+
+    fn unfinished(&mut self) -> usize {
+        self.threads.retain(|thread| !thread.is_finished());
+        self.threads.len()
+    }
+}

@@ -1,0 +1,75 @@
+//! The real driver on a GigE Vision camera that dies, comes back and loses packets.
+
+use std::time::{Duration, Instant};
+
+use uvcam_shm_ipc::Subscriber;
+use uvcam_shm_ipc::health::{Cause, State};
+use uvcam_tests::emulated::EmulatedCamera;
+use uvcam_tests::network::in_namespace;
+use uvcam_tests::{Stage, health_where, next_frame, simulated, stderr};
+
+use crate::is_ramp;
+
+/// A configuration's table of the emulated camera, as it is without a lamp and without gain.
+fn gige(serial: &str) -> String {
+    format!(
+        "[[camera]]\nname = \"left\"\nsource = {{ kind = \"aravis\", serial = \"{serial}\" }}\n\
+         width = 640\nheight = 480\nfps = 25\nexposure_us = 10000\nmask = \"none\"\n"
+    )
+}
+
+/// Reads whole frames until one of another epoch comes, and returns how long after `since` that was.
+fn recovery(subscriber: &mut Subscriber, since: Instant) -> Duration {
+    loop {
+        let frame = next_frame(subscriber);
+        assert!(is_ramp(frame.pixels(), 640));
+        if frame.epoch_changed() {
+            return since.elapsed();
+        }
+    }
+}
+
+/// Kills and restarts the camera `serial` after each of these pauses; `wanted` is what the configuration names.
+fn dies_and_comes_back(serial: &str, wanted: &str, pauses_s: &[f64]) {
+    let mut program = EmulatedCamera::start(serial, 0);
+    let stage = Stage::new(&(gige(wanted) + &simulated("right", "none", "")));
+    let sibling = stage.watch(&["right"]);
+    let mut left = stage.subscriber("left");
+    let driver = stage.driver();
+    next_frame(&mut left);
+    let mut health = stage.health("left");
+    for (times, pause_s) in pauses_s.iter().enumerate() {
+        drop(program);
+        let failed =
+            health_where("the failure", &mut health, |health| health.state() == Ok(State::Reconnecting));
+        let told = [Cause::Silent, Cause::Disconnected, Cause::Absent, Cause::Device];
+        assert!(told.contains(&failed.cause().unwrap()), "{failed:?}");
+        // Time passes here because it is what is tested.
+        std::thread::sleep(Duration::from_secs_f64(*pause_s));
+        program = EmulatedCamera::start(serial, 0);
+        let took = recovery(&mut left, Instant::now());
+        println!(
+            "{wanted}: first whole frame {took:.2?} after the camera's return, gone {pause_s} s after it was missed"
+        );
+        assert_eq!(left.epochs(), times as u64 + 2);
+    }
+    sibling.signal(rustix::process::Signal::INT);
+    let report = sibling.json();
+    assert_eq!((report["lost"].as_u64(), report["epochs"].as_u64()), (Some(0), Some(1)), "{report}");
+    let output = driver.stop();
+    assert!(output.status.success(), "{}", stderr(&output));
+}
+
+#[test]
+fn a_camera_that_dies_is_found_again_by_its_serial() {
+    in_namespace("supervision::a_camera_that_dies_is_found_again_by_its_serial", || {
+        dies_and_comes_back("GV7", "GV7", &[0.0, 3.0]);
+    });
+}
+
+#[test]
+fn a_camera_that_dies_is_found_again_at_its_address() {
+    in_namespace("supervision::a_camera_that_dies_is_found_again_at_its_address", || {
+        dies_and_comes_back("GV7", uvcam_tests::emulated::ADDRESS, &[0.0, 3.0]);
+    });
+}
