@@ -28,8 +28,10 @@ use crate::realtime;
 use crate::supervise::{Notice, State, Supervisor};
 
 mod service;
+mod service_manager;
 
 use service::{Collected, Service};
+use service_manager::ServiceManager;
 
 /// How often the main thread looks after dead consumers and its status line.
 const TICK: Duration = Duration::from_secs(1);
@@ -77,8 +79,10 @@ pub(super) fn execute(arguments: &args::Run, config: &Config) -> Result<Exit, Er
     let mut service = Service::open(config, events)?;
 
     let end = arguments.duration.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
-    let exit = attend(&mut cameras, &mut service, config, &inbox, end);
+    let mut manager = ServiceManager::new();
+    let exit = attend(&mut cameras, &mut service, &mut manager, config, &inbox, end);
 
+    manager.stopping();
     stop.store(true, Ordering::Relaxed);
     for camera in &mut cameras {
         camera.join();
@@ -162,6 +166,7 @@ fn spawn(name: &str, body: impl FnOnce() + Send + 'static) -> Result<JoinHandle<
 fn attend(
     cameras: &mut [Running],
     service: &mut Service,
+    manager: &mut ServiceManager,
     config: &Config,
     inbox: &Receiver<Event>,
     end: Option<Instant>,
@@ -199,6 +204,7 @@ fn attend(
             show_status(cameras);
         }
         cameras.iter().for_each(|camera| camera.health.serve_newcomers());
+        manager.attend(cameras);
     }
 }
 
