@@ -17,8 +17,8 @@ pub struct EmulatedCamera {
 
 impl EmulatedCamera {
     /// Starts the camera `serial`, which loses `lost_per_thousand` of its packets, and waits until it listens.
-    pub fn start(serial: &str, lost_per_thousand: u32) -> Self {
-        let lost = lost_per_thousand.to_string();
+    pub fn start(serial: &str, lost_per_thousand: impl Into<f64>) -> Self {
+        let lost = lost_per_thousand.into().to_string();
         let program = Command::new(PROGRAM)
             .args(["-i", ADDRESS, "-s", serial, "-r", &lost])
             .stdin(Stdio::null())

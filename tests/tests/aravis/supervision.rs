@@ -73,3 +73,34 @@ fn a_camera_that_dies_is_found_again_at_its_address() {
         dies_and_comes_back("GV7", uvcam_tests::emulated::ADDRESS, &[0.0, 3.0]);
     });
 }
+
+#[test]
+fn with_two_lost_packets_in_ten_thousand_every_frame_is_whole_and_every_loss_counted() {
+    let name =
+        "supervision::with_two_lost_packets_in_ten_thousand_every_frame_is_whole_and_every_loss_counted";
+    in_namespace(name, || {
+        let _program = EmulatedCamera::start("GVLOSS", 0.2);
+        let stage = Stage::new(&gige("GVLOSS"));
+        let mut left = stage.subscriber("left");
+        let driver = stage.driver();
+        let mut last_picture = None;
+        // About 220 packets a frame: one frame in 23 is lost.
+        while left.frames() < 500 || left.lost() == 0 {
+            let frame = next_frame(&mut left);
+            assert!(is_ramp(frame.pixels(), 640), "frame {}", frame.header().device_frame_id);
+            // The camera draws its own count of frames: the ramp begins with it, modulo 255.
+            let picture = u64::from(frame.pixels()[0]);
+            if let Some(last) = last_picture {
+                let step = (255 + picture - last) % 255;
+                assert_eq!(step, (1 + frame.lost_before()) % 255, "after frame {last} came {picture}");
+            }
+            last_picture = Some(picture);
+        }
+        let (lost, frames) = (left.lost(), left.frames());
+        println!("0.2 of 1000 packets lost: {frames} whole frames, {lost} lost and counted");
+        assert_eq!(left.epochs(), 1);
+        let health = health_where("the count", &mut stage.health("left"), |health| health.lost >= lost);
+        assert!(health.incomplete > 0, "{health:?}");
+        driver.stop();
+    });
+}
