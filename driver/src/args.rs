@@ -10,7 +10,8 @@ use crate::generator::Wish;
 #[derive(Debug, Parser)]
 #[command(name = "uvcam", version, propagate_version = true)]
 #[command(
-    after_help = "Exit codes: 0 done, 2 usage or configuration, 3 refused as unsafe, 4 camera, 5 shared memory.\n\
+    after_help = "Exit codes: 0 done, 2 usage or configuration, 3 refused as unsafe, 4 camera, 5 shared memory,\n\
+    6 a fault of this machine.\n\
     Status goes to stderr, data to stdout. UVCAM_LOG=debug says more."
 )]
 pub struct Arguments {
@@ -38,6 +39,8 @@ pub enum Command {
     /// Work on mask files
     #[command(subcommand)]
     Mask(Mask),
+    /// Say what is wrong on this machine, and the command that mends it
+    Doctor(Doctor),
     /// Print the commented default configuration
     Config,
     /// Show the whole chain on a simulated camera, and leave pictures of it
@@ -209,6 +212,17 @@ pub struct MaskRestore {
     /// Which one: 1 is the newest (see `uvcam mask history`)
     #[arg(default_value_t = 1)]
     pub number: usize,
+}
+
+/// `uvcam doctor`
+#[derive(Debug, Args)]
+pub struct Doctor {
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Folder that stands for `/`, for tests and for disks of other machines
+    #[arg(long, value_name = "DIR", default_value = "/", hide = true)]
+    pub root: PathBuf,
 }
 
 /// `uvcam demo`

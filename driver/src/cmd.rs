@@ -14,6 +14,7 @@ use crate::error::{Error, with_causes};
 use crate::exit::Exit;
 
 mod demo;
+mod doctor;
 mod generate;
 mod list;
 mod mask;
@@ -39,6 +40,7 @@ pub fn execute(arguments: Arguments) -> Exit {
         Command::Stats(stats) => load(file).and_then(|config| stats::execute(&stats, &config)),
         Command::Generate(generate) => generate::execute(&generate, || load(file)),
         Command::Mask(mask) => mask::execute(&mask, || load(file)),
+        Command::Doctor(doctor) => load(file).and_then(|config| doctor::execute(&doctor, &config)),
         Command::Config => print(config::DEFAULT.trim_end()).map(|()| Exit::Done),
         Command::Demo(demo) => demo::execute(&demo),
     };

@@ -14,12 +14,14 @@ pub enum Exit {
     Camera = 4,
     /// Shared memory cannot be used, or nobody publishes there.
     SharedMemory = 5,
+    /// `uvcam doctor` found a fault of this machine.
+    Fault = 6,
 }
 
 impl Exit {
     /// The exit that has this code; a code that none has is a camera's.
     pub fn from_code(code: u8) -> Self {
-        let all = [Exit::Done, Exit::Usage, Exit::Refused, Exit::Camera, Exit::SharedMemory];
+        let all = [Exit::Done, Exit::Usage, Exit::Refused, Exit::Camera, Exit::SharedMemory, Exit::Fault];
         all.into_iter().find(|exit| *exit as u8 == code).unwrap_or(Exit::Camera)
     }
 }

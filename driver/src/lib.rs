@@ -11,6 +11,7 @@ pub mod cmd;
 pub mod config;
 pub mod control;
 pub mod counters;
+pub mod doctor;
 pub mod error;
 pub mod exit;
 pub mod frame_path;

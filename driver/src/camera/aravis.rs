@@ -24,6 +24,7 @@ mod gige;
 mod stream;
 
 pub use finder::Finder;
+pub(crate) use gige::SOCKET_FRAMES;
 
 const KIND: &str = "aravis";
 

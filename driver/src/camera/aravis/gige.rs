@@ -21,7 +21,7 @@ use crate::realtime;
 /// anyway with the first packet of the next one, so no frame waits for it.
 const FRAME_RETENTION_US: u32 = 500_000;
 /// Frames that a plain socket is to hold while the receiving thread does not run: 130 ms at 60 fps.
-const SOCKET_FRAMES: usize = 8;
+pub(crate) const SOCKET_FRAMES: usize = 8;
 /// Frames below which it is not trusted: 33 ms at 60 fps, longer than a busy system keeps a thread waiting.
 const FEWEST_FRAMES: usize = 2;
 

@@ -1,0 +1,172 @@
+//! Who may open the cameras' device nodes, and who has.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+
+use super::machine::Machine;
+use super::process::Process;
+use super::usb::UsbCamera;
+use super::{Check, Finding, Severity};
+
+/// Where udev looks for rules (udev(7)).
+const RULES: [&str; 5] = [
+    "/etc/udev/rules.d",
+    "/run/udev/rules.d",
+    "/usr/local/lib/udev/rules.d",
+    "/usr/lib/udev/rules.d",
+    "/lib/udev/rules.d",
+];
+/// What makes udev apply new rules.
+const RELOAD: &str =
+    "sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=usb --action=add";
+/// What a rule for every USB3 Vision device matches: its interface's class and subclass.
+const USB3_VISION_MATCH: &str = "ef05";
+
+/// Whether the driver may open each camera's node, and not everyone may.
+pub(super) fn nodes(machine: &Machine, process: &Process, connected: &[UsbCamera]) -> Vec<Finding> {
+    let finding = |camera: &UsbCamera| {
+        let node = camera.node();
+        let path = machine.path(&node);
+        let metadata = fs::metadata(&path).ok()?;
+        let mode = metadata.mode() & 0o777;
+        let group = machine.name_of("/etc/group", metadata.gid());
+        if mode & 0o002 != 0 {
+            return Some(Finding::new(
+                Severity::Warning,
+                Check::DeviceAccess,
+                format!("{}: everyone may write to {node} (mode {mode:o})", camera.describe()),
+                format!("grep -rn 0666 {}; remove that rule, then {RELOAD}", RULES.join(" ")),
+            ));
+        }
+        if may_use(process, &metadata, &path) {
+            return None;
+        }
+        let user = machine.name_of("/etc/passwd", process.uid);
+        let remedy = if !has_rule(machine, camera) {
+            install_rule()
+        } else if metadata.gid() == 0 {
+            RELOAD.to_owned()
+        } else {
+            format!("sudo usermod --append --groups {group} {user}, and log in again or restart the driver")
+        };
+        Some(Finding::new(
+            Severity::Fault,
+            Check::DeviceAccess,
+            format!(
+                "{}: {} may not open {node} (mode {mode:o}, group {group})",
+                camera.describe(),
+                process.describe(machine)
+            ),
+            remedy,
+        ))
+    };
+    connected.iter().filter_map(finding).collect()
+}
+
+/// Whether modes and access list let the process read and write.
+fn may_use(process: &Process, metadata: &fs::Metadata, path: &Path) -> bool {
+    let allows = |bits: u32| metadata.mode() >> bits & 0o6 == 0o6;
+    if process.ignores_file_modes() {
+        return true;
+    }
+    if process.uid == metadata.uid() {
+        return allows(6);
+    }
+    // The group's bits are also the most that an access list grants.
+    allows(3) && (process.groups.contains(&metadata.gid()) || is_listed(process.uid, path))
+}
+
+/// Whether the file's access list, by which a seat's user gets devices, names this user (acl(5)).
+///
+/// The attribute holds a version of 4 bytes, then entries of 8: tag, permissions, user; little-endian.
+fn is_listed(uid: u32, path: &Path) -> bool {
+    const NAMED_USER: u16 = 2;
+    let mut value = [0; 1024];
+    let Ok(length) = rustix::fs::getxattr(path, "system.posix_acl_access", &mut value[..]) else {
+        return false;
+    };
+    value[..length].get(4..).unwrap_or_default().chunks_exact(8).any(|entry| {
+        let half = |at: usize| u16::from_le_bytes([entry[at], entry[at + 1]]);
+        let user = u32::from_le_bytes([entry[4], entry[5], entry[6], entry[7]]);
+        half(0) == NAMED_USER && user == uid && half(2) & 0o6 == 0o6
+    })
+}
+
+/// Whether an installed rule names each camera: by its vendor, or as any USB3 Vision device.
+pub(super) fn rule(machine: &Machine, connected: &[UsbCamera]) -> Vec<Finding> {
+    let lacking = connected.iter().filter(|camera| !has_rule(machine, camera));
+    let finding = |camera: &UsbCamera| {
+        Finding::new(
+            Severity::Warning,
+            Check::UdevRule,
+            format!(
+                "{}: no udev rule names its vendor {}, so only root may open it once it is plugged in again",
+                camera.describe(),
+                camera.vendor
+            ),
+            install_rule(),
+        )
+    };
+    lacking.map(finding).collect()
+}
+
+fn has_rule(machine: &Machine, camera: &UsbCamera) -> bool {
+    RULES.iter().any(|folder| {
+        let rules = machine.names(folder).into_iter().filter(|name| name.ends_with(".rules"));
+        let mut texts = rules.filter_map(|name| machine.text(&format!("{folder}/{name}")));
+        texts.any(|text| {
+            let mut lines = text.lines().filter(|line| !line.trim_start().starts_with('#'));
+            lines.any(|line| {
+                line.contains(&format!("\"{}\"", camera.vendor))
+                    || camera.is_usb3_vision && line.contains(USB3_VISION_MATCH)
+            })
+        })
+    })
+}
+
+fn install_rule() -> String {
+    format!("sudo cp udev/70-uvcam.rules /etc/udev/rules.d/ && {RELOAD}")
+}
+
+/// Whether another program than the driver holds a camera's node open.
+pub(super) fn holders(machine: &Machine, connected: &[UsbCamera]) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let mut hidden = 0;
+    let processes = machine.names("/proc").into_iter().filter(|name| name.parse::<u32>().is_ok());
+    for process in processes.filter(|_| !connected.is_empty()) {
+        let program = machine.text(&format!("/proc/{process}/comm")).unwrap_or_default();
+        if program == "uvcam" {
+            continue;
+        }
+        let folder = machine.path(&format!("/proc/{process}/fd"));
+        let files = match fs::read_dir(&folder) {
+            Ok(files) => files,
+            Err(error) => {
+                hidden += usize::from(error.kind() == ErrorKind::PermissionDenied);
+                continue;
+            }
+        };
+        let open: Vec<_> = files.flatten().filter_map(|file| fs::read_link(file.path()).ok()).collect();
+        let held =
+            connected.iter().filter(|camera| open.iter().any(|file| *file == Path::new(&camera.node())));
+        findings.extend(held.map(|camera| {
+            Finding::new(
+                Severity::Fault,
+                Check::DeviceHolder,
+                format!("{}: {program} (process {process}) holds it open", camera.describe()),
+                format!("kill {process}"),
+            )
+        }));
+    }
+    if hidden > 0 {
+        findings.push(Finding::new(
+            Severity::Unknown,
+            Check::DeviceHolder,
+            format!("the open files of {hidden} processes of other users were not examined"),
+            "sudo uvcam doctor",
+        ));
+    }
+    findings
+}

@@ -1,0 +1,320 @@
+//! `uvcam doctor` on planted machines: folders that hold what `/proc`, `/sys`, `/dev` and `/etc` of a machine say.
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
+use std::path::PathBuf;
+
+use serde_json::Value;
+use uvcam_tests::{Stage, simulated, stderr};
+
+/// The user who runs the driver there; never the one who runs the tests.
+const USER: u32 = 4242;
+/// Places on USB of a Basler, an mvBlueFOX3 and an mvBlueFOX.
+const PLACES: [&str; 3] = ["4-1", "4-2", "3-1"];
+
+/// A machine with three cameras on USB, one on the network and a simulated one, on which nothing is wrong.
+struct Machine {
+    stage: Stage,
+    cameras: String,
+}
+
+impl Machine {
+    fn healthy() -> Self {
+        let camera = |name: &str, serial: &str| {
+            format!(
+                "[[camera]]\nname = \"{name}\"\nsource = {{ kind = \"aravis\", serial = \"{serial}\" }}\n\
+                 width = 752\nheight = 480\nfps = 59.9\nexposure_us = 1000\nmask = \"{name}.png\"\n"
+            )
+        };
+        let cameras = camera("left", "Basler-acA-1001")
+            + &camera("right", "1002")
+            + &camera("back", "1003")
+            + &camera("network", "192.168.0.7")
+            + &simulated("drawn", "none", "");
+        let machine = Machine { stage: Stage::new(""), cameras };
+        for name in ["left", "right", "back", "network"] {
+            machine.stage.write_mask(&format!("{name}.png"), (752, 480), 40);
+        }
+        for (index, (vendor, product, bus, speed)) in [
+            ("2676", "acA1920-155um", 4, 5000),
+            ("164c", "mvBlueFOX3-2004G", 4, 5000),
+            ("164c", "mvBlueFOX-MLC200wG", 3, 480),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let device = format!("sys/bus/usb/devices/{}", PLACES[index]);
+            let serial = (1001 + index).to_string();
+            machine.write(&format!("{device}/idVendor"), vendor);
+            machine.write(&format!("{device}/product"), product);
+            machine.write(&format!("{device}/serial"), &serial);
+            machine.write(&format!("{device}/busnum"), &bus.to_string());
+            machine.write(&format!("{device}/devnum"), &(index + 2).to_string());
+            machine.write(&format!("{device}/speed"), &speed.to_string());
+            machine.write(&format!("sys/bus/usb/devices/usb{bus}/speed"), &speed.to_string());
+            if speed == 5000 {
+                machine.write(&format!("{device}:1.0/bInterfaceClass"), "ef");
+                machine.write(&format!("{device}:1.0/bInterfaceSubClass"), "05");
+            }
+            let node = format!("dev/bus/usb/{bus:03}/{:03}", index + 2);
+            machine.write(&node, "");
+            machine.set_mode(&node, 0o660);
+        }
+        // Something on USB that is no camera.
+        machine.write("sys/bus/usb/devices/3-2/idVendor", "046d");
+        machine.write("sys/bus/usb/devices/3-2/speed", "12");
+
+        let group = fs::metadata(machine.path("dev/bus/usb/004/002")).unwrap().gid();
+        machine.write("sys/module/usbcore/parameters/usbfs_memory_mb", "16");
+        machine.write("etc/passwd", &format!("pilot:x:{USER}:{USER}::/home/pilot:/bin/sh"));
+        machine.write("etc/udev/rules.d/70-uvcam.rules", include_str!("../../udev/70-uvcam.rules"));
+        machine.write("proc/sys/net/core/rmem_max", "8000000");
+        machine.write(
+            "proc/self/status",
+            &format!(
+                "Uid:\t{USER}\t{USER}\t{USER}\t{USER}\nGid:\t1\t1\t1\t1\nGroups:\t7 {group}\nCapEff:\t0\n"
+            ),
+        );
+        machine.write_limits("unlimited", "50");
+        machine.write("proc/700/comm", "bash");
+        fs::create_dir_all(machine.path("proc/700/fd")).unwrap();
+        symlink("/dev/null", machine.path("proc/700/fd/0")).unwrap();
+        fs::create_dir_all(machine.path("dev/shm")).unwrap();
+        for processor in 0..2 {
+            let folder = format!("sys/devices/system/cpu/cpu{processor}/cpufreq");
+            machine.write(&format!("{folder}/scaling_governor"), "performance");
+        }
+        machine.write("sys/devices/system/clocksource/clocksource0/current_clocksource", "tsc");
+        machine
+            .write("sys/devices/system/clocksource/clocksource0/available_clocksource", "tsc hpet acpi_pm");
+        machine
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.stage.file("root").join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        let path = self.path(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, format!("{text}\n")).unwrap();
+    }
+
+    fn set_mode(&self, name: &str, mode: u32) {
+        fs::set_permissions(self.path(name), fs::Permissions::from_mode(mode)).unwrap();
+    }
+
+    /// `/proc/self/limits`, as proc_pid_limits(5) describes it.
+    fn write_limits(&self, locked_memory: &str, real_time_priority: &str) {
+        let text = format!(
+            "Limit                     Soft Limit           Hard Limit           Units\n\
+             Max locked memory         {locked_memory}      {locked_memory}      bytes\n\
+             Max realtime priority     {real_time_priority} {real_time_priority}\n"
+        );
+        self.write("proc/self/limits", &text);
+    }
+
+    fn configure(&mut self, from: &str, to: &str) {
+        assert!(self.cameras.contains(from), "{from}");
+        self.cameras = self.cameras.replacen(from, to, 1);
+    }
+
+    /// The exit code, and the findings.
+    fn examine(&self) -> (Option<i32>, Vec<Value>) {
+        let config = self.stage.file("uvcam.toml");
+        let ipc = fs::read_to_string(&config).unwrap();
+        fs::write(&config, ipc + &self.cameras).unwrap();
+        let output = self.stage.output(&["doctor", "--json", "--root", self.path("").to_str().unwrap()]);
+        let report: Value =
+            serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", stderr(&output)));
+        assert_eq!(report["healthy"], output.status.success(), "{report}");
+        (output.status.code(), report["findings"].as_array().unwrap().clone())
+    }
+}
+
+/// Plants one thing that is wrong on a healthy machine. The doctor must find it, with these words in its remedy, and find
+/// nothing else.
+#[track_caller]
+fn finds(check: &str, severity: &str, remedy: &str, plant: impl FnOnce(&mut Machine)) {
+    let mut machine = Machine::healthy();
+    plant(&mut machine);
+    let (code, findings) = machine.examine();
+    assert_eq!(findings.len(), 1, "{findings:#?}");
+    let finding = &findings[0];
+    assert_eq!((&finding["check"], &finding["severity"]), (&check.into(), &severity.into()), "{finding}");
+    assert!(finding["remedy"].as_str().unwrap().contains(remedy), "{finding}");
+    assert_eq!(code, Some(if severity == "fault" { 6 } else { 0 }));
+}
+
+#[test]
+fn a_healthy_machine_has_no_finding() {
+    assert_eq!(Machine::healthy().examine(), (Some(0), Vec::new()));
+}
+
+#[test]
+fn finds_usb_memory_below_the_slots() {
+    finds("usbfs_memory", "warning", "echo 256 | sudo tee /sys/module/usbcore", |machine| {
+        machine.write("sys/module/usbcore/parameters/usbfs_memory_mb", "4");
+    });
+}
+
+#[test]
+fn finds_usb_memory_below_one_frame_of_each_camera() {
+    finds("usbfs_memory", "fault", "echo 256 | sudo tee /sys/module/usbcore", |machine| {
+        machine.write("sys/module/usbcore/parameters/usbfs_memory_mb", "1");
+    });
+}
+
+#[test]
+fn finds_a_usb3_camera_on_a_usb2_link() {
+    finds("usb_link", "fault", "USB 3 cable", |machine| {
+        machine.write("sys/bus/usb/devices/4-2/speed", "480");
+    });
+}
+
+#[test]
+fn finds_cameras_that_exceed_their_controller() {
+    finds("usb_bandwidth", "fault", "another controller", |machine| {
+        machine.configure("fps = 59.9", "fps = 590");
+        machine.configure("fps = 59.9", "fps = 590");
+    });
+}
+
+#[test]
+fn finds_a_device_node_that_the_user_may_not_open() {
+    finds("device_access", "fault", "sudo u", |machine| {
+        machine.set_mode("dev/bus/usb/004/003", 0o600);
+    });
+}
+
+#[test]
+fn finds_a_device_node_that_everyone_may_open() {
+    finds("device_access", "warning", "udevadm trigger", |machine| {
+        machine.set_mode("dev/bus/usb/004/003", 0o666);
+    });
+}
+
+#[test]
+fn finds_that_no_udev_rule_is_installed() {
+    finds("udev_rule", "warning", "/etc/udev/rules.d/", |machine| {
+        let rules = machine.path("etc/udev/rules.d/70-uvcam.rules");
+        let text = fs::read_to_string(&rules).unwrap();
+        machine.write(
+            "etc/udev/rules.d/70-uvcam.rules",
+            &text.replace("\"2676\"", "\"0000\"").replace("ef05", ""),
+        );
+    });
+}
+
+#[test]
+fn finds_another_program_that_holds_a_camera() {
+    finds("device_holder", "fault", "kill 700", |machine| {
+        symlink("/dev/bus/usb/004/002", machine.path("proc/700/fd/5")).unwrap();
+    });
+}
+
+#[test]
+fn finds_a_limit_of_locked_memory() {
+    finds("locked_memory", "warning", "memlock unlimited", |machine| machine.write_limits("8388608", "50"));
+}
+
+#[test]
+fn finds_that_real_time_priority_is_not_allowed() {
+    finds("real_time_priority", "warning", "rtprio", |machine| machine.write_limits("unlimited", "0"));
+}
+
+#[test]
+fn finds_slots_that_shared_memory_does_not_hold() {
+    finds("shared_memory", "fault", "remount,size=", |machine| {
+        // 11 TB.
+        machine.cameras.insert_str(0, "max_subscribers = 64\nbuffer = 256\nborrowed = 64\n");
+        let small = simulated("drawn", "none", "");
+        let large = small.replace("width = 752\nheight = 480\n", "width = 16384\nheight = 16384\n");
+        machine.configure(&small, &(large + "pixel_format = \"Mono16\"\n"));
+    });
+}
+
+#[test]
+fn finds_a_saving_cpu_governor() {
+    finds("cpu_governor", "warning", "echo performance | sudo tee", |machine| {
+        machine.write("sys/devices/system/cpu/cpu1/cpufreq/scaling_governor", "powersave");
+    });
+}
+
+#[test]
+fn finds_a_slow_clock_source() {
+    finds("clock_source", "warning", "echo tsc | sudo tee", |machine| {
+        machine.write("sys/devices/system/clocksource/clocksource0/current_clocksource", "hpet");
+    });
+}
+
+#[test]
+fn finds_a_missing_mask() {
+    finds("mask", "fault", "uvcam generate right", |machine| {
+        fs::remove_file(machine.stage.file("right.png")).unwrap();
+    });
+}
+
+#[test]
+fn finds_a_mask_of_another_size() {
+    finds("mask", "fault", "uvcam generate back", |machine| {
+        machine.stage.write_mask("back.png", (640, 480), 40);
+    });
+}
+
+#[test]
+fn finds_an_exposure_that_does_not_fit_the_readout() {
+    // 59.9 fps leave an mvBlueFOX 5.8 ms, and any other camera a frame period.
+    finds("exposure", "fault", "is 5823", |machine| {
+        machine.configure(
+            "serial = \"1003\" }\nwidth = 752\nheight = 480\nfps = 59.9\nexposure_us = 1000",
+            "serial = \"1003\" }\nwidth = 752\nheight = 480\nfps = 59.9\nexposure_us = 5900",
+        );
+    });
+    finds("exposure", "fault", "is 16694", |machine| {
+        machine.configure("exposure_us = 1000", "exposure_us = 17000");
+    });
+}
+
+#[test]
+fn finds_a_socket_that_is_too_small_for_gige_vision() {
+    finds("socket_buffer", "warning", "net.core.rmem_max=2887680", |machine| {
+        machine.write("proc/sys/net/core/rmem_max", "212992");
+    });
+}
+
+#[test]
+fn says_that_an_absent_camera_was_not_examined() {
+    finds("connected", "unknown", "uvcam list", |machine| {
+        machine.configure("serial = \"1002\"", "serial = \"9999\"");
+    });
+}
+
+#[test]
+fn a_running_driver_is_examined_in_place_of_the_user() {
+    let machine = Machine::healthy();
+    machine.write("proc/800/comm", "uvcam");
+    machine.write("proc/800/cmdline", "/usr/bin/uvcam\0run\0--config\0/etc/uvcam/uvcam.toml\0");
+    machine
+        .write("proc/800/status", "Uid:\t4343\t4343\t4343\t4343\nGid:\t1\t1\t1\t1\nGroups:\t7\nCapEff:\t0\n");
+    machine.write("proc/800/limits", "Max realtime priority     0     0\n");
+    fs::create_dir_all(machine.path("proc/800/fd")).unwrap();
+    symlink("/dev/bus/usb/004/002", machine.path("proc/800/fd/5")).unwrap();
+    let (code, findings) = machine.examine();
+    let checks: Vec<&str> = findings.iter().map(|finding| finding["check"].as_str().unwrap()).collect();
+    assert_eq!(code, Some(6));
+    assert_eq!(checks, ["device_access"; 3].into_iter().chain(["real_time_priority"]).collect::<Vec<_>>());
+    assert!(findings[0]["finding"].as_str().unwrap().contains("process 800"), "{findings:#?}");
+}
+
+#[test]
+fn the_table_names_the_finding_and_its_remedy() {
+    let machine = Machine::healthy();
+    machine.write("sys/bus/usb/devices/4-2/speed", "480");
+    machine.examine();
+    let output = machine.stage.output(&["doctor", "--root", machine.path("").to_str().unwrap()]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.starts_with("fault: camera mvBlueFOX3-2004G serial 1002 at USB 4-2"), "{text}");
+    assert_eq!(text.lines().count(), 2, "{text}");
+}
