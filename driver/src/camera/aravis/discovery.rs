@@ -9,10 +9,10 @@ use std::sync::{Mutex, PoisonError};
 use aravis::glib::GString;
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
-use aravis::{Device, DeviceError, FakeInterface, GvDevice, GvInterface, Interface, UvInterface};
+use aravis::{Device, DeviceError, FakeInterface, GvDevice, Interface, UvInterface};
 
-use super::KIND;
 use super::features::failed;
+use super::{KIND, gige};
 use crate::camera::{CameraError, Identity};
 
 /// The library's camera in this process, which needs no hardware.
@@ -49,7 +49,7 @@ impl Transport {
         let _list = LISTS.get(self as usize).map(|list| list.lock().unwrap_or_else(PoisonError::into_inner));
         let interface = match self {
             Transport::Usb => UvInterface::instance(),
-            Transport::Gige => GvInterface::instance(),
+            Transport::Gige => gige::interface(),
             Transport::Fake => FakeInterface::instance(),
         };
         interface.map(|interface| work(&interface))
@@ -162,7 +162,12 @@ fn open_address(address: Ipv4Addr) -> Result<Opened, CameraError> {
         Err(error) if error.matches(DeviceError::NotFound) => Err(absent(&wanted, &scan(interface))),
         Err(error) => Err(failed(&wanted, "opening", error)),
     });
-    let camera = control(&opened.unwrap_or_else(|| Err(absent(&wanted, &[])))?, &wanted)?;
+    let no_network = || CameraError::Device {
+        serial: wanted.clone(),
+        doing: "opening",
+        cause: "this program may not use the network; a service needs the drop-in network.conf".into(),
+    };
+    let camera = control(&opened.ok_or_else(no_network)??, &wanted)?;
     let text = |value: Result<GString, _>| value.map(String::from).unwrap_or_default();
     let identity = Identity {
         kind: KIND,

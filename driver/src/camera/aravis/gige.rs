@@ -9,7 +9,8 @@ use std::net::{Ipv4Addr, UdpSocket};
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
 use aravis::{
-    GvPacketSizeAdjustment, GvStream, GvStreamOption, GvStreamPacketResend, GvStreamSocketBuffer, Stream,
+    GvInterface, GvPacketSizeAdjustment, GvStream, GvStreamOption, GvStreamPacketResend,
+    GvStreamSocketBuffer, Interface, Stream,
 };
 use rustix::net::sockopt;
 use rustix::thread::CapabilitySet;
@@ -30,6 +31,13 @@ const FEWEST_FRAMES: usize = 2;
 enum Socket {
     Plain,
     Packet,
+}
+
+/// The library's interface to GigE Vision; none where this program may not make internet sockets, as in a service without network:
+/// the library takes them for granted, and would end the program.
+pub(super) fn interface() -> Option<Interface> {
+    UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
+    GvInterface::instance()
 }
 
 /// Before the stream is made: chooses the socket, and lets the library find the largest packet that passes the network without being
