@@ -4,16 +4,22 @@
 # Where a folder is not ours, root must act.
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PACKAGES := build-essential pkg-config libaravis-dev libusb-1.0-0-dev
-TEST_PACKAGES := aravis-tools iproute2 util-linux
+TEST_PACKAGES := aravis-tools iproute2 systemd udev util-linux
 # What `make bench` compares with; it does without what cannot be installed.
 GSTREAMER_PACKAGES := gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-bad libgstreamer-plugins-base1.0-dev
 ROS_PACKAGES := libroscpp-dev libsensor-msgs-dev python3-rosmaster
+DEB_TEST_PACKAGES := mmdebstrap
+
+# Where `make install` puts what, and what it takes.
+PREFIX ?= /usr/local
+DESTDIR ?=
+BINARY ?= $(or $(CARGO_TARGET_DIR),target)/release/uvcam
 
 missing = $(shell for package in $(1); do dpkg-query -W -f '$${Status}' $$package 2>/dev/null | grep -q 'ok installed' || echo $$package; done)
 
 .PHONY: help
 help: ## List the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{ printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{ printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 .PHONY: demo
 demo: packages ## Run the driver on a simulated camera, with a consumer beside it, for about ten seconds
@@ -34,6 +40,50 @@ microbench: packages ## Measure the parts of the frame path
 .PHONY: soak
 soak: packages test-packages ## Ten minutes of three cameras among consumers that stop and die; SOAK_S=60 is one minute
 	UVCAM_SOAK_S=$(or $(SOAK_S),600) cargo test --release --locked --package uvcam-tests --test soak -- --nocapture
+
+.PHONY: build
+build: packages ## Build the driver for flight
+	cargo build --release --locked --package uvcam
+
+# Built before, by whoever has the toolchain; root seldom has.
+.PHONY: install
+install: ## Install the built driver with udev rules, service and configuration (PREFIX=/usr/local, DESTDIR=)
+	@[ -x '$(BINARY)' ] || { echo '$(BINARY) is missing: run `make build` first' >&2; exit 1; }
+	install -D -m 755 '$(BINARY)' '$(DESTDIR)$(PREFIX)/bin/uvcam'
+	install -D -m 644 udev/70-uvcam.rules '$(DESTDIR)$(PREFIX)/lib/udev/rules.d/70-uvcam.rules'
+	install -D -m 644 udev/uvcam.sysusers '$(DESTDIR)$(PREFIX)/lib/sysusers.d/uvcam.conf'
+	install -D -m 644 udev/uvcam.service '$(DESTDIR)$(PREFIX)/lib/systemd/system/uvcam.service'
+	sed -i 's|/usr/bin/uvcam|$(PREFIX)/bin/uvcam|' '$(DESTDIR)$(PREFIX)/lib/systemd/system/uvcam.service'
+	install -D -m 644 udev/network.conf '$(DESTDIR)$(PREFIX)/share/uvcam/network.conf'
+	[ -e '$(DESTDIR)/etc/uvcam/uvcam.toml' ] || install -D -m 644 udev/uvcam.toml '$(DESTDIR)/etc/uvcam/uvcam.toml'
+	[ -n '$(DESTDIR)' ] || $(MAKE) --no-print-directory activate
+
+# What an installation changes in the running system.
+.PHONY: activate
+activate:
+	systemd-sysusers uvcam.conf
+	sh udev/debian/postinst configure
+	[ ! -d /run/systemd/system ] || systemctl daemon-reload
+
+.PHONY: uninstall
+uninstall: ## Remove what `make install` installed, but a configuration that was changed, masks and the service's user
+	[ -n '$(DESTDIR)' ] || [ ! -d /run/systemd/system ] || systemctl disable --now uvcam.service
+	rm -f '$(DESTDIR)$(PREFIX)/bin/uvcam'
+	rm -f '$(DESTDIR)$(PREFIX)/lib/udev/rules.d/70-uvcam.rules'
+	rm -f '$(DESTDIR)$(PREFIX)/lib/sysusers.d/uvcam.conf'
+	rm -f '$(DESTDIR)$(PREFIX)/lib/systemd/system/uvcam.service'
+	rm -rf '$(DESTDIR)$(PREFIX)/share/uvcam'
+	! cmp -s udev/uvcam.toml '$(DESTDIR)/etc/uvcam/uvcam.toml' || rm -r '$(DESTDIR)/etc/uvcam'
+
+.PHONY: deb
+deb: packages ## Build the Debian package, target/debian/uvcam_*.deb
+	@command -v cargo-deb >/dev/null || cargo install cargo-deb --locked --quiet
+	cargo deb --locked --package uvcam
+
+.PHONY: deb-test
+deb-test: deb ## Install the Debian package on a clean Debian system, in a folder, and try it there
+	@$(MAKE) --no-print-directory apt NEEDED='$(DEB_TEST_PACKAGES)'
+	tests/deb.sh
 
 .PHONY: packages
 packages:

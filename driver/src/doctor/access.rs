@@ -19,8 +19,7 @@ const RULES: [&str; 5] = [
     "/lib/udev/rules.d",
 ];
 /// What makes udev apply new rules.
-const RELOAD: &str =
-    "sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=usb --action=add";
+const RELOAD: &str = "sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=usb";
 /// What a rule for every USB3 Vision device matches: its interface's class and subclass.
 const USB3_VISION_MATCH: &str = "ef05";
 

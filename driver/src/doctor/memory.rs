@@ -14,7 +14,7 @@ const SHARED_MEMORY: &str = "/dev/shm";
 
 /// Bytes that the slots of all cameras take.
 pub(super) fn needed_bytes(config: &Config) -> u64 {
-    let Config { ipc, cameras } = config;
+    let Config { ipc, cameras, .. } = config;
     let needed = |camera: &crate::config::CameraConfig| {
         ipc.settings.shared_memory_needed(camera.settings.frame_bytes(), ipc.slots)
     };

@@ -31,7 +31,8 @@ pub(super) fn socket_buffer(machine: &Machine, config: &Config, process: &Proces
             process.describe(machine)
         ),
         format!(
-            "sudo sysctl -w net.core.rmem_max={needed}, or sudo setcap cap_net_raw+ep $(command -v uvcam)"
+            "sudo sysctl -w net.core.rmem_max={needed}; or CAP_NET_RAW: for the service by its drop-in network.conf, else \
+             sudo setcap cap_net_raw+ep $(command -v uvcam)"
         ),
     )]
 }

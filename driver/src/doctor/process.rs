@@ -81,8 +81,9 @@ impl Process {
     }
 
     /// Whether it may lock the slots of all cameras in memory, and use real-time priority.
-    pub(super) fn limits(&self, config: &Config) -> Vec<Finding> {
+    pub(super) fn limits(&self, machine: &Machine, config: &Config) -> Vec<Finding> {
         let needed = super::memory::needed_bytes(config);
+        let user = machine.name_of("/etc/passwd", self.uid);
         let mut findings = Vec::new();
         if let Some(Limit::At(bytes)) = self.locked_memory_bytes
             && bytes < needed
@@ -96,7 +97,7 @@ impl Process {
                     bytes >> 10,
                     needed.div_ceil(1 << 10)
                 ),
-                limits_remedy("memlock", "unlimited"),
+                limits_remedy(&user, "memlock", "unlimited"),
             ));
         }
         if self.real_time_priority == Some(Limit::At(0)) && !self.has(CAP_SYS_NICE) {
@@ -104,7 +105,7 @@ impl Process {
                 Severity::Warning,
                 Check::RealTimePriority,
                 "real-time priority is not allowed: any busy program can delay frames".into(),
-                limits_remedy("rtprio", "50"),
+                limits_remedy(&user, "rtprio", "50"),
             ));
         }
         findings
@@ -132,9 +133,9 @@ fn limit(limits: &str, name: &str) -> Option<Limit> {
     }
 }
 
-fn limits_remedy(item: &str, value: &str) -> String {
+fn limits_remedy(user: &str, item: &str, value: &str) -> String {
     format!(
         "run the driver as the service uvcam.service, which has it; else: \
-         echo '@plugdev - {item} {value}' | sudo tee /etc/security/limits.d/70-uvcam-{item}.conf, and log in again"
+         echo '{user} - {item} {value}' | sudo tee /etc/security/limits.d/70-uvcam-{item}.conf, and log in again"
     )
 }
