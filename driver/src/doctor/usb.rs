@@ -182,7 +182,7 @@ fn carried_mb(speed: f64) -> Option<f64> {
 /// One frame of each camera is the least with which frames arrive whole.
 pub(super) fn memory(machine: &Machine, config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
     // 0 is no limit.
-    let limit = machine.value::<u64>(USBFS_MEMORY).filter(|mb| *mb > 0);
+    let limit = machine.value::<u32>(USBFS_MEMORY).filter(|mb| *mb > 0).map(u64::from);
     let frames: u64 = pairs(config, connected).map(|(camera, _)| camera.settings.frame_bytes() as u64).sum();
     let queued = frames.saturating_mul(config.ipc.slots as u64);
     let Some(mb) = limit.filter(|mb| mb << 20 < queued) else { return Vec::new() };
