@@ -13,17 +13,15 @@ trap 'rm -f "$inside"' EXIT
 cat >"$inside" <<'INSIDE'
 set -eux
 export DEBIAN_FRONTEND=noninteractive
-apt-get install -qq --no-install-recommends /uvcam.deb
+apt_get() { apt-get -qq -o Dpkg::Use-Pty=0 -o Dpkg::Progress-Fancy=0 "$@" >/dev/null; }
+apt_get install --no-install-recommends /uvcam.deb
 
 # Every file as it was packed, with its mode and owner.
 test -z "$(dpkg --verify uvcam)"
-stat -c '%a %U:%G %n' $(dpkg -L uvcam | grep -v -e '^/\.$') | while read -r mode owner name; do
-    test "$owner" = root:root
-    case "$name" in
-    /usr/bin/uvcam) test "$mode" = 755 ;;
-    *) test -d "$name" && test "$mode" = 755 || test "$mode" = 644 ;;
-    esac
-done
+if stat -c '%a %U:%G %F %n' $(dpkg -L uvcam) | grep -v -x -e '755 root:root directory .*' \
+    -e '644 root:root regular file .*' -e '755 root:root regular file /usr/bin/uvcam'; then
+    exit 1
+fi
 for name in /etc/uvcam/uvcam.toml /usr/lib/systemd/system/uvcam.service /usr/lib/sysusers.d/uvcam.conf \
     /usr/lib/udev/rules.d/70-uvcam.rules /usr/share/uvcam/network.conf /usr/share/doc/uvcam/copyright; do
     test -f "$name"
@@ -44,9 +42,11 @@ wait $!
 as_service uvcam doctor --config /etc/uvcam/uvcam.toml --json
 
 # Removed, it leaves its configuration; purged, nothing.
-apt-get remove -qq uvcam
-test ! -e /usr/bin/uvcam && test ! -e /usr/lib/udev/rules.d/70-uvcam.rules && test -f /etc/uvcam/uvcam.toml
-apt-get purge -qq uvcam
+apt_get remove uvcam
+test ! -e /usr/bin/uvcam
+test ! -e /usr/lib/udev/rules.d/70-uvcam.rules
+test -f /etc/uvcam/uvcam.toml
+apt_get purge uvcam
 test ! -e /etc/uvcam
 INSIDE
 
