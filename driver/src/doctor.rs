@@ -109,7 +109,7 @@ pub fn examine(root: &Path, config: &Config) -> Vec<Finding> {
         access::rule(&machine, &cameras),
         access::holders(&machine, &cameras),
         network::socket_buffer(&machine, config, &process),
-        process.limits(&machine, config),
+        process.limits(&machine),
         memory::shared(&machine, config),
         processor::governor(&machine),
         processor::clock_source(&machine),

@@ -12,19 +12,13 @@ use crate::config::Config;
 /// Where frames live.
 const SHARED_MEMORY: &str = "/dev/shm";
 
-/// Bytes that the slots of all cameras take.
-pub(super) fn needed_bytes(config: &Config) -> u64 {
-    let Config { ipc, cameras, .. } = config;
-    let needed = |camera: &crate::config::CameraConfig| {
-        ipc.settings.shared_memory_needed(camera.settings.frame_bytes(), ipc.slots)
-    };
-    cameras.iter().map(needed).fold(0, u64::saturating_add)
-}
-
 /// Whether `/dev/shm` holds them. What a running driver has taken already counts as free.
 pub(super) fn shared(machine: &Machine, config: &Config) -> Vec<Finding> {
     let folder = machine.path(SHARED_MEMORY);
-    let needed = needed_bytes(config);
+    let Config { ipc, cameras, .. } = config;
+    let frames = cameras.iter().map(|camera| camera.settings.frame_bytes());
+    let needed =
+        frames.map(|bytes| ipc.settings.shared_memory_needed(bytes, ipc.slots)).fold(0, u64::saturating_add);
     let Ok(system) = statvfs(&folder) else {
         return vec![Finding::new(
             Severity::Fault,
@@ -34,8 +28,8 @@ pub(super) fn shared(machine: &Machine, config: &Config) -> Vec<Finding> {
         )];
     };
     let ours = fs::read_dir(&folder).into_iter().flatten().flatten();
-    let ours = ours
-        .filter(|entry| entry.file_name().to_string_lossy().starts_with(config.ipc.settings.prefix.as_str()));
+    let ours =
+        ours.filter(|entry| entry.file_name().to_string_lossy().starts_with(ipc.settings.prefix.as_str()));
     // stat(2) counts blocks of 512 bytes.
     let taken: u64 = ours.filter_map(|entry| Some(entry.metadata().ok()?.blocks() * 512)).sum();
     let free = system.f_bavail.saturating_mul(system.f_frsize).saturating_add(taken);

@@ -2,7 +2,6 @@
 
 use super::machine::Machine;
 use super::{Check, Finding, Severity};
-use crate::config::Config;
 
 /// capabilities(7): the numbers of those that matter.
 const CAP_DAC_OVERRIDE: u32 = 1;
@@ -80,22 +79,19 @@ impl Process {
         self.capabilities >> capability & 1 == 1
     }
 
-    /// Whether it may lock the slots of all cameras in memory, and use real-time priority.
-    pub(super) fn limits(&self, machine: &Machine, config: &Config) -> Vec<Finding> {
-        let needed = super::memory::needed_bytes(config);
+    /// Whether it may lock its memory, which it does only without a limit, and use real-time priority.
+    pub(super) fn limits(&self, machine: &Machine) -> Vec<Finding> {
         let user = machine.name_of("/etc/passwd", self.uid);
         let mut findings = Vec::new();
         if let Some(Limit::At(bytes)) = self.locked_memory_bytes
-            && bytes < needed
             && !self.has(CAP_IPC_LOCK)
         {
             findings.push(Finding::new(
                 Severity::Warning,
                 Check::LockedMemory,
                 format!(
-                    "at most {} KiB may be locked in memory, the slots of all cameras are {} KiB",
-                    bytes >> 10,
-                    needed.div_ceil(1 << 10)
+                    "at most {} KiB may be locked in memory, so nothing is: a system short of memory can hold frames up",
+                    bytes >> 10
                 ),
                 limits_remedy(&user, "memlock", "unlimited"),
             ));
@@ -105,7 +101,7 @@ impl Process {
                 Severity::Warning,
                 Check::RealTimePriority,
                 "real-time priority is not allowed: any busy program can delay frames".into(),
-                limits_remedy(&user, "rtprio", "50"),
+                limits_remedy(&user, "rtprio", "99"),
             ));
         }
         findings
