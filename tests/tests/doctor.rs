@@ -5,6 +5,7 @@ use std::fs;
 use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 use std::path::PathBuf;
 
+use rustix::fs::{XattrFlags, setxattr};
 use serde_json::Value;
 use uvcam_tests::{Stage, simulated, stderr};
 
@@ -70,12 +71,7 @@ impl Machine {
         machine.write("etc/passwd", &format!("pilot:x:{USER}:{USER}::/home/pilot:/bin/sh"));
         machine.write("etc/udev/rules.d/70-uvcam.rules", include_str!("../../udev/70-uvcam.rules"));
         machine.write("proc/sys/net/core/rmem_max", "8000000");
-        machine.write(
-            "proc/self/status",
-            &format!(
-                "Uid:\t{USER}\t{USER}\t{USER}\t{USER}\nGid:\t1\t1\t1\t1\nGroups:\t7 {group}\nCapEff:\t0\n"
-            ),
-        );
+        machine.write("proc/self/status", &status(USER, &format!("7 {group}")));
         machine.write_limits("unlimited", "50");
         machine.write("proc/700/comm", "bash");
         fs::create_dir_all(machine.path("proc/700/fd")).unwrap();
@@ -133,6 +129,11 @@ impl Machine {
     }
 }
 
+/// `/proc/PID/status` of a process without capabilities, as proc_pid_status(5) describes it.
+fn status(user: u32, groups: &str) -> String {
+    format!("Uid:\t{user}\t{user}\t{user}\t{user}\nGid:\t1\t1\t1\t1\nGroups:\t{groups}\nCapEff:\t0\n")
+}
+
 /// Plants one thing that is wrong on a healthy machine. The doctor must find it, with these words in its remedy, and find
 /// nothing else.
 #[track_caller]
@@ -186,6 +187,32 @@ fn finds_a_device_node_that_the_user_may_not_open() {
     finds("device_access", "fault", "sudo u", |machine| {
         machine.set_mode("dev/bus/usb/004/003", 0o600);
     });
+}
+
+#[test]
+fn a_device_node_may_be_opened_by_whom_its_access_list_names() {
+    let machine = Machine::healthy();
+    let node = "dev/bus/usb/004/003";
+    machine.set_mode(node, 0o600);
+    // acl(5), as the kernel keeps it: version 2; then tag, permissions (4 read, 2 write) and user of the owner, a user, the group, the
+    // mask and all others.
+    let nobody = u32::MAX;
+    let entries: [(u16, u16, u32); 5] =
+        [(1, 6, nobody), (2, 6, USER), (4, 0, nobody), (16, 6, nobody), (32, 0, nobody)];
+    let mut list = 2_u32.to_le_bytes().to_vec();
+    for (tag, permissions, user) in entries {
+        list.extend([tag.to_le_bytes(), permissions.to_le_bytes()].concat());
+        list.extend(user.to_le_bytes());
+    }
+    setxattr(machine.path(node), "system.posix_acl_access", &list, XattrFlags::empty()).unwrap();
+    machine.write("proc/self/status", &status(USER, "7"));
+    for other in ["dev/bus/usb/004/002", "dev/bus/usb/003/004"] {
+        machine.set_mode(other, 0o600);
+    }
+    let (_, findings) = machine.examine();
+    let places: Vec<bool> =
+        findings.iter().map(|finding| finding["finding"].as_str().unwrap().contains("4-2")).collect();
+    assert_eq!(places, [false, false], "{findings:#?}");
 }
 
 #[test]
@@ -296,8 +323,7 @@ fn a_running_driver_is_examined_in_place_of_the_user() {
     let machine = Machine::healthy();
     machine.write("proc/800/comm", "uvcam");
     machine.write("proc/800/cmdline", "/usr/bin/uvcam\0run\0--config\0/etc/uvcam/uvcam.toml\0");
-    machine
-        .write("proc/800/status", "Uid:\t4343\t4343\t4343\t4343\nGid:\t1\t1\t1\t1\nGroups:\t7\nCapEff:\t0\n");
+    machine.write("proc/800/status", &status(4343, "7"));
     machine.write("proc/800/limits", "Max realtime priority     0     0\n");
     fs::create_dir_all(machine.path("proc/800/fd")).unwrap();
     symlink("/dev/bus/usb/004/002", machine.path("proc/800/fd/5")).unwrap();

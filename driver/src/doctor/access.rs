@@ -118,7 +118,7 @@ fn has_rule(machine: &Machine, camera: &UsbCamera) -> bool {
         texts.any(|text| {
             let mut lines = text.lines().filter(|line| !line.trim_start().starts_with('#'));
             lines.any(|line| {
-                line.contains(&format!("\"{}\"", camera.vendor))
+                line.contains("idVendor") && line.contains(&format!("\"{}\"", camera.vendor))
                     || camera.is_usb3_vision && line.contains(USB3_VISION_MATCH)
             })
         })
@@ -155,7 +155,7 @@ pub(super) fn holders(machine: &Machine, connected: &[UsbCamera]) -> Vec<Finding
                 Severity::Fault,
                 Check::DeviceHolder,
                 format!("{}: {program} (process {process}) holds it open", camera.describe()),
-                format!("kill {process}"),
+                format!("sudo kill {process}"),
             )
         }));
     }
