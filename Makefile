@@ -8,7 +8,7 @@ TEST_PACKAGES := aravis-tools iproute2 systemd udev util-linux
 # What `make bench` compares with; it does without what cannot be installed.
 GSTREAMER_PACKAGES := gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-bad libgstreamer-plugins-base1.0-dev
 ROS_PACKAGES := libroscpp-dev libsensor-msgs-dev python3-rosmaster
-DEB_TEST_PACKAGES := mmdebstrap
+DEB_TEST_PACKAGES := mmdebstrap systemd-container
 
 # Where `make install` puts what, and what it takes.
 PREFIX ?= /usr/local
@@ -81,9 +81,9 @@ deb: packages ## Build the Debian package, target/debian/uvcam_*.deb
 	cargo deb --locked --package uvcam
 
 .PHONY: deb-test
-deb-test: deb ## Install the Debian package on a clean Debian system, in a folder, and try it there
+deb-test: deb ## Install the Debian package on a clean system, in a container, and try the service there
 	@$(MAKE) --no-print-directory apt NEEDED='$(DEB_TEST_PACKAGES)'
-	tests/deb.sh
+	$(SUDO) tests/deb.sh $(or $(CARGO_TARGET_DIR),target)/debian/uvcam_*.deb
 
 .PHONY: packages
 packages:

@@ -1,20 +1,20 @@
 #!/usr/bin/env bash
-# Installs the Debian package of `make deb` on a clean system, which is made in a folder from the distribution's own packages, and
-# tries it there. Called by `make deb-test`.
+# Installs a Debian package of uvcam on a clean system, made in a folder from the distribution's own packages, boots that system as a
+# container, and tries the service there. Called by `make deb-test`, as root: tests/deb.sh PACKAGE
 set -euo pipefail
-cd "$(dirname "$0")/.."
 
-packages=("${CARGO_TARGET_DIR:-target}"/debian/uvcam_*.deb)
-[ "${#packages[@]}" = 1 ] && [ -e "${packages[0]}" ] || { echo "not one package: ${packages[*]}" >&2; exit 1; }
+[ "$#" = 1 ] && [ -f "$1" ] || { echo "one package, not: $*" >&2; exit 2; }
+root=$(mktemp -d)
+trap 'rm -rf --one-file-system "$root"' EXIT
+. /etc/os-release
+mmdebstrap --quiet --variant=apt --include=systemd-sysv,dbus \
+    --customize-hook="cp '$(realpath "$1")' \"\$1/uvcam.deb\"" \
+    --customize-hook='chroot "$1" apt-get -qq install --no-install-recommends /uvcam.deb >/dev/null' \
+    "$VERSION_CODENAME" "$root"
 
 # What runs inside; a command that fails ends it all.
-inside=$(mktemp)
-trap 'rm -f "$inside"' EXIT
-cat >"$inside" <<'INSIDE'
+cat >"$root/inside.sh" <<'INSIDE'
 set -eux
-export DEBIAN_FRONTEND=noninteractive
-apt_get() { apt-get -qq -o Dpkg::Use-Pty=0 -o Dpkg::Progress-Fancy=0 "$@" >/dev/null; }
-apt_get install --no-install-recommends /uvcam.deb
 
 # Every file as it was packed, with its mode and owner.
 test -z "$(dpkg --verify uvcam)"
@@ -27,32 +27,61 @@ for name in /etc/uvcam/uvcam.toml /usr/lib/systemd/system/uvcam.service /usr/lib
     test -f "$name"
 done
 
-# The service: known to systemd, its user and groups there, not started before it is configured.
-systemd-analyze verify /usr/lib/systemd/system/uvcam.service
+# The service: not started before it is configured, its user in the groups of devices.
+systemd-analyze verify uvcam.service
 test "$(systemctl is-enabled uvcam.service || true)" = disabled
-getent passwd uvcam
-getent group plugdev video
+id uvcam | grep plugdev | grep video
 
-# The driver flies, as the service's user and with the service's configuration, and a consumer sees it.
-install -d -m 700 -o uvcam -g uvcam /run/uvcam
-as_service() { setpriv --reuid uvcam --regid uvcam --init-groups --no-new-privs "$@"; }
-as_service uvcam run --config /etc/uvcam/uvcam.toml --duration 10 &
-as_service uvcam watch simulated --config /etc/uvcam/uvcam.toml --frames 120 --timeout 8
-wait $!
-as_service uvcam doctor --config /etc/uvcam/uvcam.toml --json
+# It flies with all that is forbidden to it, and a consumer of the same user sees every frame.
+watch() {
+    setpriv --reuid uvcam --regid uvcam --init-groups \
+        uvcam watch simulated --config /etc/uvcam/uvcam.toml --frames 60 --timeout 20
+}
+systemctl start uvcam
+watch
+test "$(stat -c '%a %U' /run/uvcam)" = '700 uvcam'
+test "$(stat -c '%a %U' /var/lib/uvcam)" = '755 uvcam'
+systemctl reload uvcam
+watch
+test "$(systemctl show --property NRestarts --value uvcam)" = 0
 
-# Removed, it leaves its configuration; purged, nothing.
-apt_get remove uvcam
+# Killed, it comes back.
+systemctl kill --signal KILL uvcam
+watch
+test "$(systemctl show --property NRestarts --value uvcam)" = 1
+
+# A wrong configuration is not tried again and again.
+echo 'wrong' >>/etc/uvcam/uvcam.toml
+systemctl restart uvcam || true
+timeout 20 sh -c 'until systemctl is-failed uvcam; do sleep 0.1; done'
+sed -i '/^wrong$/d' /etc/uvcam/uvcam.toml
+systemctl start uvcam
+watch
+
+# Removed, it is stopped and leaves its configuration; purged, nothing but its user.
+apt-get -qq remove uvcam >/dev/null
+test "$(systemctl is-active uvcam || true)" = inactive
 test ! -e /usr/bin/uvcam
 test ! -e /usr/lib/udev/rules.d/70-uvcam.rules
 test -f /etc/uvcam/uvcam.toml
-apt_get purge uvcam
+apt-get -qq purge uvcam >/dev/null
 test ! -e /etc/uvcam
 INSIDE
+# What is tried here is what the service may do; its notifications are not.
+mkdir "$root/etc/systemd/system/uvcam.service.d"
+printf '[Service]\nType=exec\nWatchdogSec=0\n' >"$root/etc/systemd/system/uvcam.service.d/quiet.conf"
+cat >"$root/etc/systemd/system/inside.service" <<'UNIT'
+[Service]
+Type=oneshot
+ExecStart=/bin/sh -c '(sh /inside.sh && touch /passed) >/said 2>&1; systemctl poweroff --no-block'
+UNIT
+ln -s /etc/systemd/system/inside.service "$root/etc/systemd/system/multi-user.target.wants/"
 
-. /etc/os-release
-mmdebstrap --quiet --variant=apt --format=null \
-    --customize-hook="copy-in '${packages[0]}' '$inside' /" \
-    --customize-hook="mv \"\$1\"/uvcam_*.deb \"\$1/uvcam.deb\" && chroot \"\$1\" sh /$(basename "$inside")" \
-    "$VERSION_CODENAME" /dev/null
-echo "${packages[0]}: installed, flown, removed and purged on a clean ${PRETTY_NAME}"
+# Under systemd the container gets a unit of its own; elsewhere there is none to get.
+unit=(--keep-unit)
+[ ! -d /run/systemd/system ] || unit=()
+timeout --kill-after 10 180 systemd-nspawn --quiet --directory "$root" --boot --private-network --register=no \
+    "${unit[@]}" --console=pipe </dev/null >"$root/console" 2>&1 || cat "$root/console"
+cat "$root/said"
+[ -e "$root/passed" ] || { echo "$1: failed on a clean $PRETTY_NAME, at the last command above" >&2; exit 1; }
+echo "$1: installed, flown, removed and purged on a clean $PRETTY_NAME"
