@@ -5,6 +5,7 @@
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PACKAGES := build-essential pkg-config libaravis-dev libusb-1.0-0-dev
 TEST_PACKAGES := aravis-tools iproute2 systemd udev util-linux
+LAB_PACKAGES := binutils busybox-static qemu-system-x86 udev
 # What `make bench` compares with; it does without what cannot be installed.
 GSTREAMER_PACKAGES := gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-bad libgstreamer-plugins-base1.0-dev
 ROS_PACKAGES := libroscpp-dev libsensor-msgs-dev python3-rosmaster
@@ -14,6 +15,9 @@ DEB_TEST_PACKAGES := mmdebstrap systemd-container
 PREFIX ?= /usr/local
 DESTDIR ?=
 BINARY ?= $(or $(CARGO_TARGET_DIR),target)/release/uvcam
+
+# Where `make lab` keeps its kernel.
+LAB := target/lab
 
 missing = $(shell for package in $(1); do dpkg-query -W -f '$${Status}' $$package 2>/dev/null | grep -q 'ok installed' || echo $$package; done)
 
@@ -28,6 +32,18 @@ demo: packages ## Run the driver on a simulated camera, with a consumer beside i
 .PHONY: test
 test: packages test-packages ## Run every test
 	cargo test --workspace --locked
+
+.PHONY: lab
+lab: packages lab-packages $(LAB)/kernel ## Run the driver on emulated cameras behind a real kernel, in a virtual machine
+	cargo run --quiet --locked --package uvcam-tests --bin lab -- $(LAB) $(TESTS)
+
+# Debian's kernel for real machines, which has drivers for cameras. Unpacked, not installed.
+$(LAB)/kernel:
+	rm -rf $(LAB)/package $@.part && mkdir -p $(LAB)/package
+	cd $(LAB)/package && apt-get download $$(apt-cache depends linux-image-amd64 | awk '/Depends: linux-image-/ { print $$2 }')
+	dpkg -x $(LAB)/package/*.deb $@.part
+	busybox depmod -b $@.part $$(ls $@.part/lib/modules)
+	mv $@.part $@
 
 .PHONY: bench
 bench: packages bench-packages ## Compare the driver with other ways to carry frames; BENCH='--rounds 1 --seconds 2' is quick
@@ -97,6 +113,10 @@ test-packages:
 bench-packages:
 	@$(MAKE) --no-print-directory apt NEEDED='$(GSTREAMER_PACKAGES)' || echo 'GStreamer cannot be installed.'
 	@$(MAKE) --no-print-directory apt NEEDED='$(ROS_PACKAGES)' || echo 'ROS 1 cannot be installed.'
+
+.PHONY: lab-packages
+lab-packages:
+	@$(MAKE) --no-print-directory apt NEEDED='$(LAB_PACKAGES)'
 
 .PHONY: apt
 apt: LACKING = $(call missing,$(NEEDED))
