@@ -273,20 +273,17 @@ fn write_rates<'a>(
         .number("fps", &["AcquisitionFrameRate", "AcquisitionFrameRateAbs"], step)?
         .ok_or_else(|| missing("fps", &settings.fps.to_string(), "AcquisitionFrameRate"))?;
 
-    let reach = reachable_rate(features, &frame_rate)?;
-    if reach < settings.fps - step {
-        return Err(too_slow(features, settings, &exposure, &frame_rate, reach)?);
-    }
-    frame_rate.write(settings.fps)?;
-    let reach = reachable_rate(features, &frame_rate)?;
+    let reach = write_rate_within_reach(features, &frame_rate, settings.fps)?;
     if reach < settings.fps - step {
         return Err(too_slow(features, settings, &exposure, &frame_rate, reach)?);
     }
     Ok((exposure, frame_rate))
 }
 
-/// The highest rate that the device tells with its present settings.
-fn reachable_rate(features: &Features, frame_rate: &Number) -> Result<f64, CameraError> {
+/// Asks for a rate, as far as the device lets itself be asked, and returns the rate that it then tells. It is written first: what
+/// the device tells includes the rate that it was asked for before.
+fn write_rate_within_reach(features: &Features, frame_rate: &Number, fps: f64) -> Result<f64, CameraError> {
+    frame_rate.write(fps.min(frame_rate.bounds()?.1))?;
     let (_, bound) = frame_rate.bounds()?;
     match features.number("fps", &RESULTING_FRAME_RATES, 0.0)? {
         Some(resulting) => Ok(resulting.read()?.min(bound)),
@@ -305,7 +302,7 @@ fn too_slow(
     let fits_us = (settings.exposure_us - (1e6 / reach - 1e6 / settings.fps)).floor();
     let fits = fits_us >= exposure.bounds()?.0 && {
         exposure.write(fits_us)?;
-        reachable_rate(features, frame_rate)? >= settings.fps * (1.0 - FRAME_RATE_STEP)
+        write_rate_within_reach(features, frame_rate, settings.fps)? >= settings.fps * (1.0 - FRAME_RATE_STEP)
     };
     Ok(match fits {
         true => CameraError::Refused {
