@@ -18,6 +18,8 @@ use uvcam_shm_ipc::{Frame, Settings, Subscriber};
 pub mod emulated;
 pub mod network;
 mod shared_memory;
+pub mod usb;
+pub mod usb3_vision;
 
 pub use shared_memory::SharedMemory;
 
@@ -212,6 +214,14 @@ impl Drop for Process {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
+        // Where a test fails, the reason may be what the process said.
+        if std::thread::panicking()
+            && let Some(mut said) = self.child.stderr.take()
+        {
+            let mut text = String::new();
+            let _ = said.read_to_string(&mut text);
+            eprintln!("process {} said: {text}", self.id());
+        }
     }
 }
 

@@ -1,0 +1,44 @@
+//! A USB3 Vision camera behind the kernel's USB, libusb and aravis as they are.
+
+use uvcam_masker::ImageView;
+use uvcam_shm_ipc::Flags;
+use uvcam_tests::usb::Plugged;
+use uvcam_tests::usb3_vision::{Camera, Identity, picture};
+use uvcam_tests::{Stage, next_frame, stderr};
+
+const SIZE: (u32, u32) = (640, 480);
+const BYTES: usize = (SIZE.0 * SIZE.1) as usize;
+
+fn camera(name: &str, serial: &str) -> String {
+    format!(
+        "[[camera]]\nname = \"{name}\"\nsource = {{ kind = \"aravis\", serial = \"{serial}\" }}\n\
+         width = {}\nheight = {}\nfps = 60\nexposure_us = 1000\nmask = \"mask.png\"\n",
+        SIZE.0, SIZE.1
+    )
+}
+
+#[test]
+fn six_hundred_masked_frames_and_none_lost() {
+    let device = Plugged::new(Camera::new(Identity::with_serial("U3V1")));
+    let stage = Stage::new(&camera("left", "U3V1"));
+    let mask = stage.write_mask("mask.png", SIZE, 100);
+    let mut subscriber = stage.subscriber("left");
+    let driver = stage.driver();
+    for _ in 0..600 {
+        let frame = next_frame(&mut subscriber);
+        let header = frame.header();
+        assert!(header.flags.contains(Flags::MASKED) && header.mask_id == mask.id().0);
+        let image = ImageView::new(frame.pixels(), SIZE.0, SIZE.1, header.stride as usize, 1).unwrap();
+        assert_eq!(mask.masked_nonzero(&image).unwrap(), 0);
+        let drawn = picture(header.device_frame_id, BYTES);
+        let kept = BYTES - 100 * SIZE.0 as usize;
+        assert!(frame.pixels()[..kept] == drawn[..kept], "pixels of frame {}", header.device_frame_id);
+    }
+    assert_eq!((subscriber.lost(), subscriber.epochs()), (0, 1));
+    let camera = device.device();
+    assert_eq!((camera.float("ExposureTime"), camera.float("Gain")), (1000.0, 0.0));
+    drop(camera);
+    let output = driver.stop();
+    println!("{}", stderr(&output));
+    assert!(output.status.success());
+}
