@@ -95,6 +95,7 @@ struct Acquisition {
 impl Camera {
     /// A camera that has just been powered up.
     pub fn new(identity: Identity) -> Self {
+        stream::prepare();
         let memory = Memory::new(&identity);
         Camera {
             identity,

@@ -23,6 +23,11 @@ pub fn picture(id: u64, bytes: usize) -> Bytes {
     Bytes::part(Arc::clone(&SCENE), first..first + bytes)
 }
 
+/// Draws the scene, which takes longer than a frame: to be called before the first.
+pub(super) fn prepare() {
+    LazyLock::force(&SCENE);
+}
+
 /// What a frame is, besides its pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
