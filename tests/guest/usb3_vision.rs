@@ -6,6 +6,9 @@ use uvcam_tests::usb::Plugged;
 use uvcam_tests::usb3_vision::{Camera, Identity, picture};
 use uvcam_tests::{Stage, next_frame, stderr};
 
+mod faults;
+mod replug;
+
 const SIZE: (u32, u32) = (640, 480);
 const BYTES: usize = (SIZE.0 * SIZE.1) as usize;
 

@@ -63,14 +63,21 @@ pub enum Fault {
     StalledEndpoint,
     /// The camera answers, but exposes no frame until its acquisition is started anew.
     Freeze,
-    /// So many frames are exposed and never sent.
-    LostFrames(u64),
-    /// Frame ids have 16 bits, as on older devices, and are about to wrap: 65533 is next, and 1 follows 65535.
-    FrameIdWrap,
+    /// So many frames are exposed and never sent: the ids jump.
+    FrameIdJump(u64),
+    /// From the next start of the acquisition on, ids have 16 bits, as on older devices, and are about to wrap: the first is 65500,
+    /// and 1 follows 65535.
+    SixteenBitIds,
     /// The next write of this feature is refused.
     RefusedWrite(&'static str),
     /// The next write of this feature is confirmed, and does nothing.
     IgnoredWrite(&'static str),
+}
+
+impl Fault {
+    fn is_of_a_frame(self) -> bool {
+        matches!(self, Fault::ShortPayload | Fault::NoTrailer | Fault::Freeze | Fault::FrameIdJump(_))
+    }
 }
 
 /// The camera.
@@ -90,6 +97,14 @@ struct Acquisition {
     due: Option<Instant>,
     next_id: u64,
     sixteen_bits: bool,
+}
+
+impl Acquisition {
+    fn take_id(&mut self) -> u64 {
+        let id = self.next_id;
+        self.next_id = if self.sixteen_bits && id == 65535 { 1 } else { id + 1 };
+        id
+    }
 }
 
 impl Camera {
@@ -154,12 +169,10 @@ impl Camera {
         }
         match self.memory.write(address, data, self.acquisition.is_some())? {
             Some("AcquisitionStart") => {
-                let period = self.period();
-                self.acquisition.get_or_insert_with(|| Acquisition {
-                    due: Some(Instant::now() + period),
-                    next_id: 0,
-                    sixteen_bits: false,
-                });
+                let due = Some(Instant::now() + self.period());
+                let sixteen_bits = self.take(Fault::SixteenBitIds);
+                let next_id = if sixteen_bits { 65500 } else { 0 };
+                self.acquisition.get_or_insert(Acquisition { due, next_id, sixteen_bits });
             }
             Some("AcquisitionStop") => self.acquisition = None,
             Some("UserSetLoad") => self.memory.load_defaults(),
@@ -187,11 +200,8 @@ impl Camera {
     fn expose(&mut self, at: Instant) {
         let Some(acquisition) = &mut self.acquisition else { return };
         let mut defect = Defect::None;
-        let mut sent = true;
         // One fault a frame, in the order in which they were asked for.
-        let place = self.faults.iter().position(|fault| {
-            !matches!(fault, Fault::RefusedWrite(_) | Fault::IgnoredWrite(_) | Fault::StalledEndpoint)
-        });
+        let place = self.faults.iter().position(|fault| fault.is_of_a_frame());
         match place.map(|place| self.faults.remove(place)) {
             Some(Fault::ShortPayload) => defect = Defect::Short,
             Some(Fault::NoTrailer) => defect = Defect::NoTrailer,
@@ -199,23 +209,10 @@ impl Camera {
                 acquisition.due = None;
                 return;
             }
-            Some(Fault::LostFrames(count)) => {
-                sent = false;
-                if count > 1 {
-                    self.faults.insert(0, Fault::LostFrames(count - 1));
-                }
-            }
-            Some(Fault::FrameIdWrap) => {
-                acquisition.sixteen_bits = true;
-                acquisition.next_id = 65533;
-            }
+            Some(Fault::FrameIdJump(count)) => (0..count).for_each(|_| _ = acquisition.take_id()),
             _ => {}
         }
-        let id = acquisition.next_id;
-        acquisition.next_id += 1;
-        if acquisition.sixteen_bits && acquisition.next_id > 65535 {
-            acquisition.next_id = 1;
-        }
+        let id = acquisition.take_id();
         let integer = |name| self.memory.integer(name) as u32;
         let frame = Frame {
             id,
@@ -227,7 +224,7 @@ impl Camera {
             offset_y: integer("OffsetY"),
             payload_bytes: integer("PayloadSize") as usize,
         };
-        if sent && self.memory.is_streaming() {
+        if self.memory.is_streaming() {
             self.stream.push(&frame, defect);
         }
     }
