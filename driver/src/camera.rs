@@ -4,7 +4,7 @@
 //! [`Camera::next`], masks and publishes them. A camera never touches a pixel after it has reported the frame complete.
 //!
 //! Each implementation lives in a file of its own: [`simulated`] and [`replay`] need no hardware, [`aravis`] speaks USB3 Vision
-//! and GigE Vision. All of them pass one conformance suite.
+//! and GigE Vision, [`v4l2`] the kernel's video drivers. All of them pass one conformance suite.
 
 use std::time::Duration;
 
@@ -18,6 +18,7 @@ mod frame_id;
 mod paced;
 pub mod replay;
 pub mod simulated;
+pub mod v4l2;
 
 pub use error::CameraError;
 

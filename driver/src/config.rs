@@ -15,7 +15,10 @@ use crate::supervise::CLOSING;
 
 mod document;
 mod error;
+mod faults;
+mod generate;
 mod realtime;
+mod source;
 
 pub use error::ConfigError;
 
@@ -114,16 +117,52 @@ pub enum Source {
     },
     /// A rendered scene.
     Simulated(Simulated),
+    /// A camera of one of the kernel's video drivers.
+    V4l2(V4l2),
 }
 
 impl Source {
-    /// What tells this camera from others: its serial, or the folder's name.
+    /// What tells this camera from others: its serial, or the name of its folder or node.
     pub fn serial(&self) -> &str {
         match self {
             Source::Aravis { serial } | Source::Simulated(Simulated { serial, .. }) => serial,
-            Source::Replay { path } => path.file_name().and_then(|name| name.to_str()).unwrap_or("replay"),
+            Source::V4l2(V4l2 { device: V4l2Device::Serial(serial), .. }) => serial,
+            Source::V4l2(V4l2 { device: V4l2Device::Path(path), .. }) | Source::Replay { path } => {
+                path.file_name().and_then(|name| name.to_str()).unwrap_or("unnamed")
+            }
         }
     }
+}
+
+/// The keys of a camera of the kernel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct V4l2 {
+    /// Which one.
+    pub device: V4l2Device,
+    /// The only memory of frames to be used; without it, whatever saves a copy.
+    pub memory: Option<V4l2Memory>,
+    /// Decibels that one step of the device's gain adds; V4L2 does not tell.
+    pub gain_step_db: Option<f64>,
+    /// A device that has no control of its exposure time is taken at the configuration's word.
+    pub fixed_exposure: bool,
+}
+
+/// How a camera of the kernel is found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum V4l2Device {
+    /// By its node, or a link to it.
+    Path(PathBuf),
+    /// By its serial, or the place where it is connected.
+    Serial(String),
+}
+
+/// Whose memory a camera of the kernel writes frames into (V4L2_MEMORY_*).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum V4l2Memory {
+    /// The slots themselves (V4L2_MEMORY_USERPTR).
+    UserPointer,
+    /// The kernel's, from which a frame is copied (V4L2_MEMORY_MMAP).
+    Mapped,
 }
 
 /// The simulated camera's own keys.

@@ -13,8 +13,9 @@ use uvcam_shm_ipc::{Flags, FrameHeader, Publisher, realtime_ns};
 use crate::camera::aravis::Finder;
 use crate::camera::replay::ReplayCamera;
 use crate::camera::simulated::Device;
+use crate::camera::v4l2::V4l2Camera;
 use crate::camera::{Applied, Camera, CameraError};
-use crate::config::{CameraConfig, Ipc, Source};
+use crate::config::{CameraConfig, Ipc, Source, V4l2};
 use crate::counters::{Counters, add};
 use crate::error::{Error, with_causes};
 use crate::frame_path::{Command, FramePath, Position};
@@ -68,6 +69,7 @@ enum Opener {
     Aravis(Finder),
     Replay(std::path::PathBuf),
     Simulated(Device),
+    V4l2(V4l2),
 }
 
 impl Opener {
@@ -76,6 +78,7 @@ impl Opener {
             Source::Aravis { serial } => Opener::Aravis(Finder::new(serial)),
             Source::Replay { path } => Opener::Replay(path.clone()),
             Source::Simulated(script) => Opener::Simulated(Device::new(script.clone())),
+            Source::V4l2(source) => Opener::V4l2(source.clone()),
         }
     }
 
@@ -84,12 +87,13 @@ impl Opener {
             Opener::Aravis(finder) => Box::new(finder.open()?),
             Opener::Replay(path) => Box::new(ReplayCamera::open(path)?),
             Opener::Simulated(device) => Box::new(device.open()?),
+            Opener::V4l2(source) => Box::new(V4l2Camera::open(source)?),
         })
     }
 
     fn flag(&self) -> Flags {
         match self {
-            Opener::Aravis(_) => Flags::NONE,
+            Opener::Aravis(_) | Opener::V4l2(_) => Flags::NONE,
             Opener::Replay(_) => Flags::REPLAYED,
             Opener::Simulated(_) => Flags::SIMULATED,
         }

@@ -1,12 +1,13 @@
 //! `uvcam list`: the cameras that can be opened.
 
 use crate::args;
-use crate::camera::{Identity, aravis};
+use crate::camera::{Identity, aravis, v4l2};
 use crate::error::Error;
 use crate::exit::Exit;
 
 pub(super) fn execute(arguments: &args::List) -> Result<Exit, Error> {
-    let cameras = aravis::list();
+    let mut cameras = aravis::list();
+    cameras.extend(v4l2::list());
     if arguments.json {
         // A list of plain texts always has a JSON form.
         super::print(&serde_json::to_string_pretty(&cameras).unwrap_or_default())?;

@@ -1,8 +1,5 @@
 //! The file as written, and its way to a valid [`Config`].
 
-mod faults;
-mod generate;
-
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
@@ -10,11 +7,11 @@ use serde::Deserialize;
 use toml::Spanned;
 use uvcam_shm_ipc::PixelFormat;
 
-use self::faults::FaultTable;
-use self::generate::GenerateTable;
 use super::error::Text;
+use super::generate::GenerateTable;
 use super::realtime::RealtimeTable;
-use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice, Simulated, Source};
+use super::source::SourceTable;
+use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice};
 use crate::camera::Settings;
 
 #[derive(Deserialize)]
@@ -60,23 +57,12 @@ struct CameraTable {
     realtime: RealtimeTable,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SourceTable {
-    kind: Spanned<String>,
-    serial: Option<Spanned<String>>,
-    path: Option<Spanned<PathBuf>>,
-    still: Option<Spanned<bool>>,
-    readout_us: Option<Spanned<f64>>,
-    faults: Option<Spanned<Vec<FaultTable>>>,
-}
-
 /// What may name a camera or a UAV.
 const NAME: &str = "1 to 64 letters, digits, \"_\" or \"-\"";
 /// Where a mask lies that the configuration does not name: as UVDAR names them.
 const MASK: &str = "{uav}_{serial}.png";
-const EXPOSURE: &str = "1 to 10000000 microseconds";
-const GAIN: &str = "-40 to 80 decibels";
+pub(super) const EXPOSURE: &str = "1 to 10000000 microseconds";
+pub(super) const GAIN: &str = "-40 to 80 decibels";
 /// The largest image side that is taken for meant, px.
 const LARGEST_SIDE: u32 = 16384;
 
@@ -103,7 +89,7 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
     Ok(Config { digest: super::digest(text), ipc, cameras })
 }
 
-pub(super) struct Reader<'a>(Text<'a>);
+pub(super) struct Reader<'a>(pub(super) Text<'a>);
 
 impl Reader<'_> {
     /// The value, or a refusal where `valid` says no.
@@ -225,68 +211,8 @@ impl Reader<'_> {
         Ok(CameraConfig { name, source, settings, mask, generate, realtime })
     }
 
-    fn source(&self, table: Spanned<SourceTable>) -> Result<Source, ConfigError> {
-        let span = table.span();
-        let SourceTable { kind, serial, path, still, readout_us, faults } = table.into_inner();
-        // A key that belongs to another kind would be ignored in silence.
-        let unused = |keys: &[(&str, Option<std::ops::Range<usize>>)]| {
-            for (key, place) in keys {
-                if let Some(place) = place {
-                    let allowed = format!("no such key in a source of kind \"{}\"", kind.get_ref());
-                    return Err(self.0.refuse(place.clone(), key, "a value".into(), &allowed));
-                }
-            }
-            Ok(())
-        };
-        let needed =
-            |key: &str| self.0.refuse(span.clone(), key, "nothing".into(), "this key must be written");
-        let simulated_keys = [
-            ("still", still.as_ref().map(Spanned::span)),
-            ("readout_us", readout_us.as_ref().map(Spanned::span)),
-            ("faults", faults.as_ref().map(Spanned::span)),
-        ];
-        let path_key = ("path", path.as_ref().map(Spanned::span));
-        let serial_key = ("serial", serial.as_ref().map(Spanned::span));
-        match kind.get_ref().as_str() {
-            "aravis" => {
-                unused(&simulated_keys)?;
-                unused(&[path_key])?;
-                let serial = serial.ok_or_else(|| needed("serial"))?;
-                Ok(Source::Aravis {
-                    serial: self.value("serial", serial, "the camera's serial", |text| !text.is_empty())?,
-                })
-            }
-            "replay" => {
-                unused(&simulated_keys)?;
-                unused(&[serial_key])?;
-                let path = path.ok_or_else(|| needed("path"))?;
-                Ok(Source::Replay { path: self.resolve(path.get_ref()) })
-            }
-            "simulated" => {
-                unused(&[path_key])?;
-                let serial = serial.ok_or_else(|| needed("serial"))?;
-                Ok(Source::Simulated(Simulated {
-                    serial: self.value("serial", serial, "a serial", |text| !text.is_empty())?,
-                    still: still.is_some_and(Spanned::into_inner),
-                    readout_us: self.value_or(
-                        "readout_us",
-                        readout_us,
-                        0.0,
-                        "0 to 10000000 microseconds",
-                        |us| (0.0..=1e7).contains(us),
-                    )?,
-                    faults: self.faults(faults.map(Spanned::into_inner).unwrap_or_default())?,
-                }))
-            }
-            other => {
-                let allowed = "\"aravis\", \"replay\" or \"simulated\"";
-                Err(self.0.refuse(kind.span(), "kind", format!("\"{other}\""), allowed))
-            }
-        }
-    }
-
     /// A relative path starts at the configuration's folder.
-    fn resolve(&self, path: &Path) -> PathBuf {
+    pub(super) fn resolve(&self, path: &Path) -> PathBuf {
         self.0.file.parent().map_or_else(|| path.to_path_buf(), |folder| folder.join(path))
     }
 }

@@ -140,6 +140,51 @@ fn the_faults_of_a_simulated_camera_come_in_the_order_of_frames() {
 }
 
 #[test]
+fn a_camera_of_the_kernel_is_named_by_path_or_serial() {
+    let parse_source = |keys: &str| {
+        let source = "source = { kind = \"aravis\", serial = \"25003774\" }";
+        assert!(CAMERA.contains(source));
+        parse(&CAMERA.replace(source, &format!("source = {{ kind = \"v4l2\"{keys} }}")))
+    };
+    let bare = V4l2 {
+        device: V4l2Device::Path("/dev/video0".into()),
+        memory: None,
+        gain_step_db: None,
+        fixed_exposure: false,
+    };
+    let config = parse_source(", path = \"/dev/video0\"").unwrap();
+    assert_eq!(config.cameras[0].source, Source::V4l2(bare.clone()));
+    assert_eq!(config.cameras[0].source.serial(), "video0");
+    let config =
+        parse_source(", serial = \"42\", memory = \"mmap\", gain_step_db = 0.1, fixed_exposure = true")
+            .unwrap();
+    let all = V4l2 {
+        device: V4l2Device::Serial("42".into()),
+        memory: Some(V4l2Memory::Mapped),
+        gain_step_db: Some(0.1),
+        fixed_exposure: true,
+    };
+    assert_eq!(config.cameras[0].source, Source::V4l2(all));
+    for (keys, expected) in [
+        ("", "path or serial: found nothing"),
+        (
+            ", path = \"/dev/video0\", serial = \"42\"",
+            "source: found both path and serial; allowed: one of them",
+        ),
+        (", serial = \"42\", memory = \"read\"", "memory: found \"read\"; allowed: \"userptr\" or \"mmap\""),
+        (", serial = \"42\", gain_step_db = 0", "gain_step_db: found 0; allowed: 0.001 to 20 decibels"),
+        (", serial = \"\"", "serial: found an empty text"),
+        (
+            ", serial = \"42\", still = true",
+            "still: found a value; allowed: no such key in a source of kind \"v4l2\"",
+        ),
+    ] {
+        let message = parse_source(keys).unwrap_err().to_string();
+        assert!(message.contains(expected), "{keys}\n  gives    {message}\n  expected {expected}");
+    }
+}
+
+#[test]
 fn a_file_that_cannot_be_read_is_named() {
     let error = Config::load(Some(Path::new("/nowhere/uvcam.toml"))).unwrap_err();
     let message = crate::error::with_causes(&error);

@@ -3,8 +3,8 @@
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{ConfigError, Reader};
-use crate::config::{Fault, FaultKind};
+use super::document::Reader;
+use super::{ConfigError, Fault, FaultKind};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

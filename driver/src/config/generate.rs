@@ -4,9 +4,9 @@ use serde::Deserialize;
 use toml::Spanned;
 use uvcam_masker::generate::{CameraPlace, IgnoredRegion, LEAF_SIZES, Parameters};
 
-use super::{EXPOSURE, GAIN, Reader};
+use super::document::{EXPOSURE, GAIN, Reader};
+use super::{ConfigError, Generate};
 use crate::camera::Settings;
-use crate::config::{ConfigError, Generate};
 
 #[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields)]

@@ -1,0 +1,167 @@
+//! Cameras of the kernel's video drivers (Video4Linux 2): USB cameras (UVC) and sensors on the board.
+//!
+//! Frames go straight into the slots (user pointers) where the driver takes their memory and the rows have no padding; otherwise
+//! they are copied once, out of buffers of the kernel. The copy is not fused with the mask: blanking the masked runs afterwards
+//! costs some per cent of the copy.
+
+use std::fmt;
+use std::io;
+use std::time::Duration;
+
+use rustix::io::Errno;
+use uvcam_shm_ipc::Slot;
+
+use super::frame_id::SequenceUnwrapper;
+use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
+use crate::config::{V4l2, V4l2Memory};
+use controls::Failure;
+use format::Layout;
+use stream::Stream;
+
+mod configure;
+mod controls;
+mod device;
+mod discovery;
+mod format;
+mod stream;
+
+const KIND: &str = "v4l2";
+
+/// All connected cameras that the access rights let the driver open.
+pub fn list() -> Vec<Identity> {
+    discovery::list()
+}
+
+/// An opened camera.
+pub struct V4l2Camera {
+    stream: Stream,
+    identity: Identity,
+    source: V4l2,
+    configured: Option<(Applied, Layout)>,
+    sequence: SequenceUnwrapper,
+}
+
+impl V4l2Camera {
+    /// Opens the camera that the source names.
+    ///
+    /// # Errors
+    /// [`CameraError::Absent`] with what was found instead; [`CameraError::Refused`] where several have the serial;
+    /// [`CameraError::Device`] where it may not be opened.
+    pub fn open(source: &V4l2) -> Result<Self, CameraError> {
+        let (device, identity) = discovery::open(&source.device)?;
+        Ok(V4l2Camera {
+            stream: Stream::new(device),
+            identity,
+            source: source.clone(),
+            configured: None,
+            sequence: SequenceUnwrapper::default(),
+        })
+    }
+
+    fn failed(&self, doing: &'static str, error: &io::Error) -> CameraError {
+        let serial = self.identity.serial.clone();
+        if is_gone(error) {
+            return CameraError::Disconnected { serial, doing };
+        }
+        let held = match Errno::from_io_error(error) {
+            Some(Errno::BUSY) => "; another program uses it",
+            _ => "",
+        };
+        CameraError::Device { serial, doing, cause: format!("{error}{held}") }
+    }
+
+    fn misused(&self, doing: &'static str, cause: String) -> CameraError {
+        CameraError::Device { serial: self.identity.serial.clone(), doing, cause }
+    }
+}
+
+/// Whether the device is not there any more.
+fn is_gone(error: &io::Error) -> bool {
+    matches!(Errno::from_io_error(error), Some(Errno::NODEV | Errno::NXIO))
+}
+
+impl Camera for V4l2Camera {
+    fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError> {
+        self.stop();
+        self.configured = None;
+        let configured = configure::configure(self.stream.device(), settings, &self.source);
+        let configured = configured.map_err(|failure| match failure {
+            Failure::Refused(error) => error,
+            Failure::Io(error) => self.failed("configuring", &error),
+        })?;
+        Ok(self.configured.insert(configured).0.clone())
+    }
+
+    fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
+        let payload_bytes = self.configured.as_ref().map(|(applied, _)| applied.payload_bytes);
+        if payload_bytes != Some(slot.len()) {
+            let cause = format!("a slot of {} bytes, a frame of {payload_bytes:?}", slot.len());
+            return Err(self.misused("queueing", cause));
+        }
+        self.stream.queue(slot).map_err(|error| self.failed("queueing", &error))
+    }
+
+    fn start(&mut self) -> Result<(), CameraError> {
+        let Some((_, layout)) = &self.configured else {
+            return Err(self.misused("starting", "it was not configured".into()));
+        };
+        if self.stream.is_started() {
+            return Err(self.misused("starting", "it is started already".into()));
+        }
+        let memories: &[V4l2Memory] = match self.source.memory {
+            Some(V4l2Memory::UserPointer) => &[V4l2Memory::UserPointer],
+            Some(V4l2Memory::Mapped) => &[V4l2Memory::Mapped],
+            None if layout.is_slot() => &[V4l2Memory::UserPointer, V4l2Memory::Mapped],
+            None => &[V4l2Memory::Mapped],
+        };
+        self.sequence = SequenceUnwrapper::default();
+        let memory = self.stream.start(memories).map_err(|error| self.failed("starting", &error))?;
+        match memory {
+            V4l2Memory::UserPointer => {
+                tracing::debug!("camera {}: frames are not copied", self.identity.serial)
+            }
+            V4l2Memory::Mapped => tracing::info!("camera {}: frames are copied once", self.identity.serial),
+        }
+        Ok(())
+    }
+
+    fn next(&mut self, timeout: Duration) -> Result<Event, CameraError> {
+        let Some((_, layout)) = &self.configured else {
+            return Err(self.misused("streaming", "it was not configured".into()));
+        };
+        let filled = match self.stream.next(layout, timeout) {
+            Ok(Some(filled)) => filled,
+            Ok(None) => return Ok(Event::Timeout),
+            Err(error) => return Err(self.failed("streaming", &error)),
+        };
+        Ok(match filled.frame {
+            None => Event::Incomplete(filled.slot),
+            Some(frame) => Event::Complete(Capture {
+                slot: filled.slot,
+                frame_id: self.sequence.unwrap(frame.sequence),
+                device_timestamp_ns: frame.timestamp_ns,
+                arrival_monotonic_ns: filled.arrival_monotonic_ns,
+            }),
+        })
+    }
+
+    fn stop(&mut self) {
+        self.stream.stop();
+    }
+}
+
+impl Drop for V4l2Camera {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+impl fmt::Debug for V4l2Camera {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("V4l2Camera").field("identity", &self.identity).finish_non_exhaustive()
+    }
+}

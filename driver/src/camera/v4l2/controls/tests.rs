@@ -1,0 +1,214 @@
+//! The controls of a device that is a table.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+
+use uvcam_shm_ipc::PixelFormat;
+
+use super::*;
+use crate::config::V4l2Device;
+
+/// A control's values, and how the device deviates from what it is asked.
+#[derive(Clone, Copy)]
+struct Entry {
+    range: Range,
+    value: i64,
+    /// It takes a value and keeps another one.
+    stubborn: bool,
+}
+
+#[derive(Default)]
+struct Table(RefCell<BTreeMap<u32, Entry>>);
+
+impl Table {
+    fn with(self, id: u32, (minimum, maximum, step): (i64, i64, i64), value: i64) -> Self {
+        let range = Range { minimum, maximum, step };
+        self.0.borrow_mut().insert(id, Entry { range, value, stubborn: false });
+        self
+    }
+
+    fn stubborn(self, id: u32) -> Self {
+        self.0.borrow_mut().get_mut(&id).unwrap().stubborn = true;
+        self
+    }
+
+    fn value(&self, id: u32) -> i64 {
+        self.0.borrow()[&id].value
+    }
+}
+
+impl Controls for Table {
+    fn range(&self, id: u32) -> io::Result<Option<Range>> {
+        Ok(self.0.borrow().get(&id).map(|entry| entry.range))
+    }
+
+    fn read(&self, id: u32) -> io::Result<i64> {
+        self.0.borrow().get(&id).map(|entry| entry.value).ok_or_else(|| Errno::INVAL.into())
+    }
+
+    fn write(&self, id: u32, value: i64) -> io::Result<()> {
+        let mut table = self.0.borrow_mut();
+        let entry = table.get_mut(&id).ok_or(Errno::INVAL)?;
+        if !entry.range.contains(value) {
+            return Err(Errno::RANGE.into());
+        }
+        if !entry.stubborn {
+            entry.value = value;
+        }
+        Ok(())
+    }
+}
+
+fn settings(exposure_us: f64, gain_db: f64) -> Settings {
+    Settings {
+        width: 8,
+        height: 4,
+        offset_x: 0,
+        offset_y: 0,
+        binning_horizontal: 1,
+        binning_vertical: 1,
+        pixel_format: PixelFormat::Mono8,
+        fps: 50.0,
+        exposure_us,
+        gain_db,
+    }
+}
+
+fn source(gain_step_db: Option<f64>, fixed_exposure: bool) -> V4l2 {
+    V4l2 { device: V4l2Device::Serial("1".into()), memory: None, gain_step_db, fixed_exposure }
+}
+
+fn refusal<T>(outcome: Result<T, Failure>) -> String {
+    match outcome {
+        Err(Failure::Refused(error)) => error.to_string(),
+        Err(Failure::Io(error)) => panic!("no refusal: {error}"),
+        Ok(_) => panic!("no refusal"),
+    }
+}
+
+fn fine<T>(outcome: Result<T, Failure>) -> T {
+    match outcome {
+        Ok(value) => value,
+        Err(Failure::Refused(error)) => panic!("{error}"),
+        Err(Failure::Io(error)) => panic!("{error}"),
+    }
+}
+
+const EXPOSURE: u32 = V4L2_CID_EXPOSURE_ABSOLUTE;
+
+#[test]
+fn what_the_device_has_is_switched_off() {
+    let table = Table::default()
+        .with(V4L2_CID_EXPOSURE_AUTO, (0, 3, 1), 3)
+        .with(V4L2_CID_EXPOSURE_AUTO_PRIORITY, (0, 1, 1), 1)
+        .with(V4L2_CID_AUTOGAIN, (0, 1, 1), 1)
+        .with(V4L2_CID_AUTO_WHITE_BALANCE, (0, 1, 1), 1)
+        .with(V4L2_CID_POWER_LINE_FREQUENCY, (0, 2, 1), 1);
+    fine(automatics_off(&table));
+    assert_eq!(table.value(V4L2_CID_EXPOSURE_AUTO), 1, "V4L2_EXPOSURE_MANUAL");
+    for id in [
+        V4L2_CID_EXPOSURE_AUTO_PRIORITY,
+        V4L2_CID_AUTOGAIN,
+        V4L2_CID_AUTO_WHITE_BALANCE,
+        V4L2_CID_POWER_LINE_FREQUENCY,
+    ] {
+        assert_eq!(table.value(id), 0);
+    }
+}
+
+#[test]
+fn an_automatic_that_stays_on_is_refused() {
+    let table = Table::default().with(V4L2_CID_AUTOGAIN, (0, 1, 1), 1).stubborn(V4L2_CID_AUTOGAIN);
+    assert!(refusal(automatics_off(&table)).contains("gain_automatic = 0 refused: the camera gives 1"));
+}
+
+#[test]
+fn a_mains_frequency_that_cannot_be_switched_off_is_left() {
+    let table = Table::default().with(V4L2_CID_POWER_LINE_FREQUENCY, (1, 2, 1), 2);
+    fine(automatics_off(&table));
+    assert_eq!(table.value(V4L2_CID_POWER_LINE_FREQUENCY), 2);
+}
+
+#[test]
+fn exposure_is_set_in_units_of_100_us() {
+    let table = Table::default().with(EXPOSURE, (1, 10_000, 1), 157);
+    for (asked, value, applied) in [(1000.0, 10, 1000.0), (1049.0, 10, 1000.0), (50.0, 1, 100.0)] {
+        let settings = settings(asked, 0.0);
+        fine(write_exposure(&table, &settings, &source(None, false)));
+        assert_eq!(table.value(EXPOSURE), value);
+        assert_eq!(fine(read_exposure(&table, &settings)), applied);
+    }
+}
+
+#[test]
+fn exposure_follows_the_steps_of_the_device() {
+    let table = Table::default().with(EXPOSURE, (3, 2047, 4), 3);
+    fine(write_exposure(&table, &settings(1000.0, 0.0), &source(None, false)));
+    assert_eq!(table.value(EXPOSURE), 11, "3, 7, 11: 1100 us is nearest");
+}
+
+#[test]
+fn an_exposure_out_of_reach_is_refused_with_the_nearest() {
+    let table = Table::default().with(EXPOSURE, (5, 100, 1), 5);
+    let refused = |us| refusal(write_exposure(&table, &settings(us, 0.0), &source(None, false)));
+    assert!(refused(20_000.0).contains("500 to 10000 in steps of 100; the nearest exposure_us is 10000"));
+    assert!(refused(100.0).contains("the nearest exposure_us is 500"));
+    assert_eq!(table.value(EXPOSURE), 5, "nothing was written");
+}
+
+#[test]
+fn an_exposure_that_reads_back_otherwise_is_refused() {
+    let table = Table::default().with(EXPOSURE, (1, 10_000, 1), 157).stubborn(EXPOSURE);
+    let message = refusal(write_exposure(&table, &settings(1000.0, 0.0), &source(None, false)));
+    assert!(message.contains("exposure_time_absolute = 10 refused: the camera gives 157"), "{message}");
+    let message = refusal(read_exposure(&table, &settings(1000.0, 0.0)));
+    assert!(message.contains("exposure_us = 1000 refused: the camera gives 15700"), "{message}");
+}
+
+#[test]
+fn only_a_stated_fixed_exposure_needs_no_control() {
+    let message = refusal(write_exposure(&Table::default(), &settings(1000.0, 0.0), &source(None, false)));
+    assert!(message.contains("fixed_exposure = true"), "{message}");
+    fine(write_exposure(&Table::default(), &settings(1000.0, 0.0), &source(None, true)));
+    assert_eq!(fine(read_exposure(&Table::default(), &settings(1000.0, 0.0))), 1000.0);
+}
+
+#[test]
+fn no_gain_is_the_lowest() {
+    let (settings, source) = (settings(1000.0, 0.0), source(None, false));
+    let table = Table::default().with(V4L2_CID_GAIN, (16, 255, 1), 100);
+    fine(write_gain(&table, &settings, &source));
+    assert_eq!(table.value(V4L2_CID_GAIN), 16);
+    assert_eq!(fine(read_gain(&table, &settings, &source)), 0.0);
+    fine(write_gain(&Table::default(), &settings, &source));
+    assert_eq!(fine(read_gain(&Table::default(), &settings, &source)), 0.0);
+}
+
+#[test]
+fn a_gain_changed_behind_the_back_is_refused() {
+    let table = Table::default().with(V4L2_CID_GAIN, (16, 255, 1), 17);
+    assert!(refusal(read_gain(&table, &settings(1000.0, 0.0), &source(None, false))).contains("gain_db"));
+}
+
+#[test]
+fn gain_in_decibels_needs_their_step() {
+    let table = Table::default().with(V4L2_CID_ANALOGUE_GAIN, (10, 250, 1), 10);
+    let settings = settings(1000.0, 6.0);
+    let message = refusal(write_gain(&table, &settings, &source(None, false)));
+    assert!(message.contains("10 to 250 in a unit that it does not tell; set gain_db = 0"), "{message}");
+
+    let with_step = source(Some(0.3), false);
+    fine(write_gain(&table, &settings, &with_step));
+    assert_eq!(table.value(V4L2_CID_ANALOGUE_GAIN), 30);
+    assert!((fine(read_gain(&table, &settings, &with_step)) - 6.0).abs() < 1e-9);
+    assert!(
+        refusal(write_gain(&table, &Settings { gain_db: 73.0, ..settings.clone() }, &with_step))
+            .contains("0 to 72")
+    );
+    assert!(
+        refusal(write_gain(&table, &Settings { gain_db: -1.0, ..settings.clone() }, &with_step))
+            .contains("nearest gain_db is 0")
+    );
+    let message = refusal(write_gain(&Table::default(), &settings, &with_step));
+    assert!(message.contains("no control of it"), "{message}");
+}

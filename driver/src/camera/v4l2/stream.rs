@@ -1,0 +1,245 @@
+//! Slots that a device fills: by itself, through user pointers, or by one copy from a buffer of the kernel.
+//!
+//! Laws, on which every `unsafe` here rests:
+//! 1. The memory of a user-pointer buffer is that of the slot that [`UserBuffer::queued`] holds. A slot's memory neither moves
+//!    nor ends while the slot exists.
+//! 2. The device writes into a buffer from its queueing until it is dequeued, the stream is switched off, or the device is
+//!    closed, and at no other time. All that while the slot lies in `queued`: nobody else can touch its pixels.
+//! 3. Where the stream cannot be switched off, the slots stay until the device is closed: it is the first of the fields.
+//! 4. A mapping is memory that the kernel filled, of the length that it was mapped with, until it is unmapped. While its buffer
+//!    is dequeued nobody writes into it.
+
+use std::collections::VecDeque;
+use std::ffi::c_void;
+use std::io;
+use std::time::{Duration, Instant};
+
+use uvcam_shm_ipc::{Slot, monotonic_ns};
+
+use super::device::{Dequeued, Device, Ready};
+use super::format::Layout;
+use crate::config::V4l2Memory;
+
+/// The most buffers that a device has (VIDEO_MAX_FRAME).
+const MOST_BUFFERS: usize = 32;
+
+/// An open device, and the slots that it fills.
+pub(super) struct Stream {
+    // Law 3: first of the fields.
+    device: Device,
+    buffers: Buffers,
+    /// Slots that the device does not know of.
+    waiting: VecDeque<Slot>,
+}
+
+enum Buffers {
+    None,
+    UserPointer(Vec<UserBuffer>),
+    Mapped(Vec<Mapping>),
+}
+
+/// A place for a slot's memory. The kernel prepares memory that comes to another place than before anew, at some cost.
+#[derive(Default)]
+struct UserBuffer {
+    /// Where the last slot lay.
+    address: usize,
+    queued: Option<Slot>,
+}
+
+/// A slot that a frame came into.
+pub(super) struct Filled {
+    pub(super) slot: Slot,
+    pub(super) arrival_monotonic_ns: u64,
+    /// What the driver says of the frame; `None` where it is not whole.
+    pub(super) frame: Option<Frame>,
+}
+
+/// What the driver says of a whole frame.
+pub(super) struct Frame {
+    pub(super) sequence: u32,
+    pub(super) timestamp_ns: Option<u64>,
+}
+
+impl Stream {
+    pub(super) fn new(device: Device) -> Self {
+        Stream { device, buffers: Buffers::None, waiting: VecDeque::new() }
+    }
+
+    pub(super) fn device(&self) -> &Device {
+        &self.device
+    }
+
+    pub(super) fn is_started(&self) -> bool {
+        !matches!(self.buffers, Buffers::None)
+    }
+
+    /// Hands over a slot to be filled entirely.
+    pub(super) fn queue(&mut self, slot: Slot) -> io::Result<()> {
+        self.waiting.push_back(slot);
+        self.hand_over()
+    }
+
+    /// Starts the device with all slots queued so far, with the first of these memories that it takes, and returns that one.
+    pub(super) fn start(&mut self, memories: &[V4l2Memory]) -> io::Result<V4l2Memory> {
+        let mut outcome = Err(io::Error::from(io::ErrorKind::Unsupported));
+        for memory in memories {
+            outcome = self.prepare(*memory).map(|()| *memory);
+            if outcome.is_ok() {
+                break;
+            }
+            self.release();
+        }
+        let memory = outcome?;
+        self.device.stream_on()?;
+        Ok(memory)
+    }
+
+    /// Waits for the next slot that a frame came into. A frame for which there is no slot is lost.
+    pub(super) fn next(&mut self, layout: &Layout, timeout: Duration) -> io::Result<Option<Filled>> {
+        let start = Instant::now();
+        let memory = match self.buffers {
+            Buffers::Mapped(_) => V4l2Memory::Mapped,
+            _ => V4l2Memory::UserPointer,
+        };
+        let mut ready = Ready::Nothing;
+        loop {
+            if let Some(done) = self.device.dequeue(memory)? {
+                let arrival_monotonic_ns = monotonic_ns();
+                if let Some((slot, frame)) = self.take(&done, layout)? {
+                    return Ok(Some(Filled { slot, arrival_monotonic_ns, frame }));
+                }
+            } else if ready == Ready::Failed {
+                return Err(io::Error::other("its driver reports an error (POLLERR) and no cause"));
+            }
+            let left = timeout.saturating_sub(start.elapsed());
+            ready = self.device.wait(left)?;
+            if ready == Ready::Nothing && left.is_zero() {
+                return Ok(None);
+            }
+        }
+    }
+
+    /// Stops the device and gives all slots back.
+    pub(super) fn stop(&mut self) {
+        self.release();
+        self.waiting.clear();
+    }
+
+    /// Gets buffers, and hands them and the slots to the device.
+    fn prepare(&mut self, memory: V4l2Memory) -> io::Result<()> {
+        match memory {
+            V4l2Memory::UserPointer => {
+                let count = self.device.request_buffers(memory, MOST_BUFFERS)?;
+                self.buffers = Buffers::UserPointer((0..count).map(|_| UserBuffer::default()).collect());
+                self.hand_over()
+            }
+            V4l2Memory::Mapped => {
+                let wanted = self.waiting.len().clamp(2, MOST_BUFFERS);
+                let count = self.device.request_buffers(memory, wanted)?;
+                self.buffers = Buffers::Mapped(Vec::new());
+                let mappings: Vec<Mapping> =
+                    (0..count).map(|index| Mapping::of(&self.device, index)).collect::<io::Result<_>>()?;
+                self.buffers = Buffers::Mapped(mappings);
+                (0..count).try_for_each(|index| self.device.queue_mapped(index))
+            }
+        }
+    }
+
+    /// Hands waiting slots to the device, as far as it has places for them.
+    fn hand_over(&mut self) -> io::Result<()> {
+        let Buffers::UserPointer(buffers) = &mut self.buffers else { return Ok(()) };
+        while let Some(mut slot) = self.waiting.pop_front() {
+            let free = |buffer: &&UserBuffer| buffer.queued.is_none();
+            let address = slot.address();
+            let known = buffers.iter().position(|buffer| free(&buffer) && buffer.address == address);
+            let Some(place) = known.or_else(|| buffers.iter().position(|buffer| free(&buffer))) else {
+                self.waiting.push_front(slot);
+                return Ok(());
+            };
+            // SAFETY: laws 1 and 2: the slot lies in `queued` from here on.
+            let outcome = unsafe { self.device.queue_user_pointer(place, slot.as_mut_ptr(), slot.len()) };
+            if let Err(error) = outcome {
+                self.waiting.push_front(slot);
+                return Err(error);
+            }
+            buffers[place] = UserBuffer { address, queued: Some(slot) };
+        }
+        Ok(())
+    }
+
+    /// The slot that the frame is in; `None` where there was none for it.
+    fn take(&mut self, done: &Dequeued, layout: &Layout) -> io::Result<Option<(Slot, Option<Frame>)>> {
+        let whole = !done.damaged && done.bytes_used >= layout.frame_bytes();
+        let frame = whole.then_some(Frame { sequence: done.sequence, timestamp_ns: done.timestamp_ns });
+        let unknown = || io::Error::other(format!("its driver returned the unknown buffer {}", done.index));
+        match &mut self.buffers {
+            Buffers::UserPointer(buffers) => {
+                let buffer = buffers.get_mut(done.index).ok_or_else(unknown)?;
+                let slot = buffer.queued.take().ok_or_else(unknown)?;
+                self.hand_over()?;
+                Ok(Some((slot, frame)))
+            }
+            Buffers::Mapped(mappings) => {
+                let mapping = mappings.get(done.index).ok_or_else(unknown)?;
+                let mut slot = self.waiting.pop_front();
+                if let (true, Some(slot)) = (whole, slot.as_mut()) {
+                    layout.copy(mapping.bytes(), slot.pixels_mut());
+                }
+                self.device.queue_mapped(done.index)?;
+                Ok(slot.map(|slot| (slot, frame)))
+            }
+            Buffers::None => Err(unknown()),
+        }
+    }
+
+    /// Takes everything back from the device.
+    fn release(&mut self) {
+        if !self.is_started() {
+            return;
+        }
+        // Law 3. A device that is gone does not answer any more.
+        if self.device.stream_off().is_err() {
+            return;
+        }
+        let memory = match std::mem::replace(&mut self.buffers, Buffers::None) {
+            Buffers::None => return,
+            Buffers::UserPointer(buffers) => {
+                self.waiting.extend(buffers.into_iter().filter_map(|buffer| buffer.queued));
+                V4l2Memory::UserPointer
+            }
+            // Unmapped here: the kernel frees no buffer that is mapped.
+            Buffers::Mapped(_) => V4l2Memory::Mapped,
+        };
+        // Where it fails, the next format is refused.
+        let _ = self.device.request_buffers(memory, 0);
+    }
+}
+
+/// A buffer of the kernel.
+struct Mapping {
+    memory: *mut c_void,
+    length: usize,
+}
+
+// SAFETY: law 4: the pages belong to the process, not to a thread.
+unsafe impl Send for Mapping {}
+
+impl Mapping {
+    fn of(device: &Device, index: usize) -> io::Result<Self> {
+        let (offset, length) = device.query_buffer(index)?;
+        Ok(Mapping { memory: device.map(offset, length)?, length })
+    }
+
+    /// What the device wrote. Its buffer must be dequeued.
+    fn bytes(&self) -> &[u8] {
+        // SAFETY: law 4.
+        unsafe { std::slice::from_raw_parts(self.memory.cast(), self.length) }
+    }
+}
+
+impl Drop for Mapping {
+    fn drop(&mut self) {
+        // SAFETY: law 4: this is its end. It fails only for what is no mapping.
+        let _ = unsafe { rustix::mm::munmap(self.memory, self.length) };
+    }
+}
