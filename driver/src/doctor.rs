@@ -70,7 +70,7 @@ pub enum Check {
     SocketBuffer,
     /// The driver may lock its memory.
     LockedMemory,
-    /// The driver may use real-time priority.
+    /// The driver may use the real-time priorities that the configuration names.
     RealTimePriority,
     /// `/dev/shm` holds the slots of all cameras.
     SharedMemory,
@@ -108,8 +108,8 @@ pub fn examine(root: &Path, config: &Config) -> Vec<Finding> {
         access::nodes(&machine, &process, &cameras),
         access::rule(&machine, &cameras),
         access::holders(&machine, &cameras),
-        network::socket_buffer(&machine, config, &process),
-        process.limits(&machine),
+        network::socket_buffer(&machine, config),
+        process.limits(&machine, config),
         memory::shared(&machine, config),
         processor::governor(&machine),
         processor::clock_source(&machine),

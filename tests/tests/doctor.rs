@@ -31,6 +31,7 @@ impl Machine {
         let cameras = camera("left", "Basler-acA-1001")
             + &camera("right", "1002")
             + &camera("back", "1003")
+            + "[camera.realtime]\npriority = 40\n"
             + &camera("network", "192.168.0.7")
             + &simulated("drawn", "none", "");
         let machine = Machine { stage: Stage::new(""), cameras };
@@ -247,8 +248,8 @@ fn finds_a_limit_of_locked_memory() {
 }
 
 #[test]
-fn finds_that_real_time_priority_is_not_allowed() {
-    finds("real_time_priority", "warning", "rtprio", |machine| machine.write_limits("unlimited", "0"));
+fn finds_that_a_configured_real_time_priority_is_not_allowed() {
+    finds("real_time_priority", "warning", "rtprio", |machine| machine.write_limits("unlimited", "39"));
 }
 
 #[test]

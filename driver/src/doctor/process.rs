@@ -2,10 +2,10 @@
 
 use super::machine::Machine;
 use super::{Check, Finding, Severity};
+use crate::config::Config;
 
 /// capabilities(7): the numbers of those that matter.
 const CAP_DAC_OVERRIDE: u32 = 1;
-const CAP_NET_RAW: u32 = 13;
 const CAP_IPC_LOCK: u32 = 14;
 const CAP_SYS_NICE: u32 = 23;
 
@@ -71,16 +71,13 @@ impl Process {
         self.has(CAP_DAC_OVERRIDE)
     }
 
-    pub(super) fn has_net_raw(&self) -> bool {
-        self.has(CAP_NET_RAW)
-    }
-
     fn has(&self, capability: u32) -> bool {
         self.capabilities >> capability & 1 == 1
     }
 
-    /// Whether it may lock its memory, which it does only without a limit, and use real-time priority.
-    pub(super) fn limits(&self, machine: &Machine) -> Vec<Finding> {
+    /// Whether it may lock its memory, which it does only without a limit, and use the real-time priorities
+    /// that the configuration names.
+    pub(super) fn limits(&self, machine: &Machine, config: &Config) -> Vec<Finding> {
         let user = machine.name_of("/etc/passwd", self.uid);
         let mut findings = Vec::new();
         if let Some(Limit::At(bytes)) = self.locked_memory_bytes
@@ -96,11 +93,18 @@ impl Process {
                 limits_remedy(&user, "memlock", "unlimited"),
             ));
         }
-        if self.real_time_priority == Some(Limit::At(0)) && !self.has(CAP_SYS_NICE) {
+        let asked = config.cameras.iter().map(|camera| camera.realtime.priority).max().unwrap_or(0);
+        if let Some(Limit::At(allowed)) = self.real_time_priority
+            && allowed < u64::from(asked)
+            && !self.has(CAP_SYS_NICE)
+        {
             findings.push(Finding::new(
                 Severity::Warning,
                 Check::RealTimePriority,
-                "real-time priority is not allowed: any busy program can delay frames".into(),
+                format!(
+                    "the configuration asks for real-time priority {asked}, the most that is allowed is {allowed}: \
+                     frames wait for other programs"
+                ),
                 limits_remedy(&user, "rtprio", "99"),
             ));
         }
