@@ -67,9 +67,6 @@ test -f /etc/uvcam/uvcam.toml
 apt-get -qq purge uvcam >/dev/null
 test ! -e /etc/uvcam
 INSIDE
-# What is tried here is what the service may do; its notifications are not.
-mkdir "$root/etc/systemd/system/uvcam.service.d"
-printf '[Service]\nType=exec\nWatchdogSec=0\n' >"$root/etc/systemd/system/uvcam.service.d/quiet.conf"
 cat >"$root/etc/systemd/system/inside.service" <<'UNIT'
 [Service]
 Type=oneshot
