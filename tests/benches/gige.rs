@@ -41,19 +41,16 @@ fn main() {
     enter_namespace();
     std::thread::spawn(see_trailers);
     let _camera = EmulatedCamera::start("BENCH", 0);
-    let ways: [(&str, &dyn Fn(&mut Row)); 3] = [
-        ("library, packet socket", &|row| with_library(GvStreamOption::NONE, row)),
-        ("library, plain socket", &|row| with_library(GvStreamOption::PACKET_SOCKET_DISABLED, row)),
-        ("uvcam, to sent", &with_uvcam),
-    ];
-    let mut rows = [Row::default(), Row::default(), Row::default()];
+    let [mut packet, mut plain, mut ours] = [(); 3].map(|()| Row::default());
     for _ in 0..ROUNDS {
-        for ((_, way), row) in ways.iter().zip(&mut rows) {
-            way(row);
-        }
+        with_library(GvStreamOption::NONE, &mut packet);
+        with_library(GvStreamOption::PACKET_SOCKET_DISABLED, &mut plain);
+        with_uvcam(&mut ours);
     }
+    let rows =
+        [("library, packet socket", packet), ("library, plain socket", plain), ("uvcam, to sent", ours)];
     println!("{:24} p50 us  p99 us  lost of {}", "last packet to frame", FRAMES * ROUNDS as u64);
-    for ((name, _), row) in ways.iter().zip(&mut rows) {
+    for (name, mut row) in rows {
         row.latencies_ns.sort_unstable();
         let at = |part: f64| {
             row.latencies_ns[((row.latencies_ns.len() - 1) as f64 * part) as usize] as f64 / 1000.0

@@ -52,6 +52,10 @@ fn five_hundred_masked_frames_reach_another_process() {
         });
 
         let mask = half_mask();
+        // Told once: a consumer that looks every pixel up in the mask would not keep up with the camera on a busy machine.
+        let kept: Vec<u8> = (0..SIZE.0 * SIZE.1)
+            .map(|at| if mask.is_masked(at % SIZE.0, at / SIZE.0) { 0 } else { 255 })
+            .collect();
         let (mut compared, mut last) = (0, None);
         run("mask.png", FRAMES, |frame| {
             let header = frame.header();
@@ -66,15 +70,12 @@ fn five_hundred_masked_frames_reach_another_process() {
             }
             if let Some(before) = unmasked.get(&header.device_frame_id) {
                 compared += 1;
-                let pixels = before.iter().zip(frame.pixels()).enumerate();
-                for (at, (before, after)) in pixels {
-                    let (x, y) = (at as u32 % SIZE.0, at as u32 / SIZE.0);
-                    assert!(
-                        mask.is_masked(x, y) || before == after,
-                        "pixel {x},{y} of frame {}",
-                        header.device_frame_id
-                    );
-                }
+                let changed = before
+                    .iter()
+                    .zip(frame.pixels())
+                    .zip(&kept)
+                    .position(|((before, after), kept)| (before ^ after) & kept != 0);
+                assert_eq!(changed, None, "a pixel outside the mask, frame {}", header.device_frame_id);
             }
         });
         assert!(compared > FRAMES / 2, "only {compared} frames could be compared");
