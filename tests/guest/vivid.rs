@@ -3,8 +3,11 @@
 use std::io::{ErrorKind, Read};
 
 use rustix::event::{PollFd, PollFlags, poll};
+use uvcam::camera::v4l2::V4l2Camera;
+use uvcam::config::{V4l2, V4l2Device, V4l2Memory};
 use uvcam_masker::{ImageView, Mask};
 use uvcam_shm_ipc::{Flags, Frame};
+use uvcam_tests::conformance::{settings, suite};
 use uvcam_tests::{Stage, next_frame, stderr};
 use v4l::control::{Control, Value};
 use v4l::v4l_sys::{V4L2_CID_AUTOGAIN, V4L2_CID_GAIN};
@@ -130,6 +133,20 @@ fn fly(source: &str, (pixel_format, fourcc, bytes_per_pixel): (&str, &[u8; 4], u
     let output = driver.stop();
     assert!(output.status.success(), "{}", stderr(&output));
     println!("\n| vivid, {source}, {pixel_format} | {frames} frames | 0 lost |");
+}
+
+#[test]
+fn it_conforms() {
+    reset();
+    for memory in [V4l2Memory::UserPointer, V4l2Memory::Mapped] {
+        let source = V4l2 {
+            device: V4l2Device::Path(NODE.into()),
+            memory: Some(memory),
+            gain_step_db: None,
+            fixed_exposure: true,
+        };
+        suite(&|| Box::new(V4l2Camera::open(&source).unwrap()), &settings(SIZE.0, SIZE.1));
+    }
 }
 
 #[test]

@@ -15,6 +15,7 @@ use uvcam_masker::Mask;
 use uvcam_shm_ipc::health::{Health, HealthReader};
 use uvcam_shm_ipc::{Frame, Settings, Subscriber};
 
+pub mod conformance;
 pub mod emulated;
 pub mod network;
 mod shared_memory;
