@@ -143,8 +143,8 @@ pub struct V4l2 {
     pub memory: Option<V4l2Memory>,
     /// Decibels that one step of the device's gain adds; V4L2 does not tell.
     pub gain_step_db: Option<f64>,
-    /// A device that has no control of its exposure time is taken at the configuration's word.
-    pub fixed_exposure: bool,
+    /// The exposure time of a device that has no control of it, microseconds.
+    pub fixed_exposure_us: Option<f64>,
 }
 
 /// How a camera of the kernel is found.

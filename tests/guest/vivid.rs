@@ -85,7 +85,7 @@ fn drawn(fourcc: &[u8; 4], bytes_per_pixel: usize) -> Vec<u8> {
 /// A driver's configuration; `source` are further keys of its source.
 fn camera(source: &str, pixel_format: &str) -> String {
     format!(
-        "[[camera]]\nname = \"left\"\nsource = {{ kind = \"v4l2\", fixed_exposure = true, {source} }}\n\
+        "[[camera]]\nname = \"left\"\nsource = {{ kind = \"v4l2\", fixed_exposure_us = 1000, {source} }}\n\
          width = {}\nheight = {}\npixel_format = \"{pixel_format}\"\nfps = {FPS}\nexposure_us = 1000\nmask = \"mask.png\"\n",
         SIZE.0, SIZE.1
     )
@@ -143,7 +143,7 @@ fn it_conforms() {
             device: V4l2Device::Path(NODE.into()),
             memory: Some(memory),
             gain_step_db: None,
-            fixed_exposure: true,
+            fixed_exposure_us: Some(1000.0),
         };
         suite(&|| Box::new(V4l2Camera::open(&source).unwrap()), &settings(SIZE.0, SIZE.1));
     }
@@ -179,15 +179,44 @@ fn automatic_gain_is_off_and_gain_the_lowest() {
 }
 
 #[test]
+fn without_user_pointers_frames_are_copied() {
+    reset();
+    let stage = Stage::new(&camera("path = \"/dev/video0\"", "Mono8"));
+    let expected = Expected::new(&stage, b"GREY", 1);
+    faults::press(faults::REQBUFS_ERROR);
+    let mut subscriber = stage.subscriber("left");
+    let driver = stage.driver();
+    for _ in 0..20 {
+        expected.check(&next_frame(&mut subscriber));
+    }
+    assert_eq!((subscriber.lost(), subscriber.epochs()), (0, 1));
+    let output = driver.stop();
+    assert!(stderr(&output).contains("frames are copied once"), "{}", stderr(&output));
+}
+
+#[test]
+fn a_second_driver_is_refused_and_costs_the_first_nothing() {
+    reset();
+    let stages = [(); 2].map(|()| Stage::new(&camera("path = \"/dev/video0\"", "Mono8")));
+    let expected = stages.each_ref().map(|stage| Expected::new(stage, b"GREY", 1));
+    let mut subscriber = stages[0].subscriber("left");
+    let _driver = stages[0].driver();
+    expected[0].check(&next_frame(&mut subscriber));
+    let second = stages[1].driver().finish();
+    assert_eq!(second.status.code(), Some(4), "{}", stderr(&second));
+    assert!(stderr(&second).contains("another program uses it"), "{}", stderr(&second));
+    for _ in 0..20 {
+        expected[0].check(&next_frame(&mut subscriber));
+    }
+    assert_eq!((subscriber.lost(), subscriber.epochs()), (0, 1));
+}
+
+#[test]
 fn what_the_device_cannot_do_is_refused() {
     reset();
     let good = camera("path = \"/dev/video0\"", "Mono8");
     for (line, instead, expected) in [
-        (
-            "fixed_exposure = true",
-            "fixed_exposure = false",
-            "exposure_us = 1000 refused: the camera gives no control",
-        ),
+        ("fixed_exposure_us = 1000, ", "", "exposure_us = 1000 refused: the camera gives no control"),
         ("width = 320", "width = 322", "width and height = 322x180 refused: the camera gives 320x180"),
         ("fps = 50", "fps = 57", "fps = 57 refused: the camera gives 60"),
         (

@@ -3,6 +3,9 @@
 //! Frames go straight into the slots (user pointers) where the driver takes their memory and the rows have no padding; otherwise
 //! they are copied once, out of buffers of the kernel. The copy is not fused with the mask: blanking the masked runs afterwards
 //! costs some per cent of the copy.
+//!
+//! A frame's device timestamp is the driver's stamp where that is CLOCK_MONOTONIC: at the start of the exposure or at the end of the
+//! frame, as the driver likes (V4L2_BUF_FLAG_TSTAMP_SRC_*). uvcvideo stamps the start.
 
 use std::fmt;
 use std::io;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::document::Reader;
+use super::document::{EXPOSURE, Reader};
 use super::faults::FaultTable;
 use super::{ConfigError, Simulated, Source, V4l2, V4l2Device, V4l2Memory};
 
@@ -21,7 +21,7 @@ pub(super) struct SourceTable {
     faults: Option<Spanned<Vec<FaultTable>>>,
     memory: Option<Spanned<String>>,
     gain_step_db: Option<Spanned<f64>>,
-    fixed_exposure: Option<Spanned<bool>>,
+    fixed_exposure_us: Option<Spanned<f64>>,
 }
 
 impl SourceTable {
@@ -35,7 +35,7 @@ impl SourceTable {
             ("faults", self.faults.as_ref().map(Spanned::span)),
             ("memory", self.memory.as_ref().map(Spanned::span)),
             ("gain_step_db", self.gain_step_db.as_ref().map(Spanned::span)),
-            ("fixed_exposure", self.fixed_exposure.as_ref().map(Spanned::span)),
+            ("fixed_exposure_us", self.fixed_exposure_us.as_ref().map(Spanned::span)),
         ];
         keys.into_iter().filter_map(|(key, place)| place.map(|place| (key, place)))
     }
@@ -49,7 +49,7 @@ impl Reader<'_> {
             "aravis" => &["serial"],
             "replay" => &["path"],
             "simulated" => &["serial", "still", "readout_us", "faults"],
-            "v4l2" => &["path", "serial", "memory", "gain_step_db", "fixed_exposure"],
+            "v4l2" => &["path", "serial", "memory", "gain_step_db", "fixed_exposure_us"],
             other => {
                 let allowed = "\"aravis\", \"replay\", \"simulated\" or \"v4l2\"";
                 return Err(self.0.refuse(table.kind.span(), "kind", format!("\"{other}\""), allowed));
@@ -112,11 +112,14 @@ impl Reader<'_> {
         let gain_step_db = table.gain_step_db.map(|step| {
             self.value("gain_step_db", step, "0.001 to 20 decibels", |db| (0.001..=20.0).contains(db))
         });
+        let fixed_exposure_us = table
+            .fixed_exposure_us
+            .map(|time| self.value("fixed_exposure_us", time, EXPOSURE, |us| (1.0..=1e7).contains(us)));
         Ok(V4l2 {
             device,
             memory,
             gain_step_db: gain_step_db.transpose()?,
-            fixed_exposure: table.fixed_exposure.is_some_and(Spanned::into_inner),
+            fixed_exposure_us: fixed_exposure_us.transpose()?,
         })
     }
 

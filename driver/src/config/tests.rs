@@ -150,19 +150,19 @@ fn a_camera_of_the_kernel_is_named_by_path_or_serial() {
         device: V4l2Device::Path("/dev/video0".into()),
         memory: None,
         gain_step_db: None,
-        fixed_exposure: false,
+        fixed_exposure_us: None,
     };
     let config = parse_source(", path = \"/dev/video0\"").unwrap();
     assert_eq!(config.cameras[0].source, Source::V4l2(bare.clone()));
     assert_eq!(config.cameras[0].source.serial(), "video0");
     let config =
-        parse_source(", serial = \"42\", memory = \"mmap\", gain_step_db = 0.1, fixed_exposure = true")
+        parse_source(", serial = \"42\", memory = \"mmap\", gain_step_db = 0.1, fixed_exposure_us = 1000")
             .unwrap();
     let all = V4l2 {
         device: V4l2Device::Serial("42".into()),
         memory: Some(V4l2Memory::Mapped),
         gain_step_db: Some(0.1),
-        fixed_exposure: true,
+        fixed_exposure_us: Some(1000.0),
     };
     assert_eq!(config.cameras[0].source, Source::V4l2(all));
     for (keys, expected) in [

@@ -10,17 +10,17 @@ use super::{Expected, FPS, NODE, PERCENTAGE_DROPPED, SEQUENCE_WRAP, VIVID, camer
 /// Buttons of vivid.
 const DISCONNECT: u32 = VIVID + 65;
 const BUFFER_ERROR: u32 = VIVID + 66;
-const REQBUFS_ERROR: u32 = VIVID + 67;
+pub(super) const REQBUFS_ERROR: u32 = VIVID + 67;
 const QBUF_ERROR: u32 = VIVID + 68;
 const STREAMON_ERROR: u32 = VIVID + 69;
 const FATAL_ERROR: u32 = VIVID + 70;
 
 /// Both ways of frames.
 const MEMORIES: [&str; 2] = ["userptr", "mmap"];
-/// The longest time from a fault to the next good frame.
+/// The longest time from a fault to the next good frame, by the clock of the guest, which counts its instructions.
 const RECOVERY_NS: u64 = 1_000_000_000;
 
-fn press(button: u32) {
+pub(super) fn press(button: u32) {
     Device::with_path(NODE).unwrap().set_control(Control { id: button, value: Value::None }).unwrap();
 }
 
@@ -45,22 +45,21 @@ impl Flight {
         Flight { memory, expected, subscriber, driver: stage.driver(), _stage: stage }
     }
 
-    /// Takes frames until `enough` says so of their count, and returns by how many ids the last lies behind the first. Every frame is
-    /// good, and no id is missing that was not counted as lost.
+    /// Takes frames until `enough` says so, and returns by how many ids the last lies behind the first. Every frame is good, and
+    /// every id is that of a frame or counted as lost.
     fn take(&mut self, mut enough: impl FnMut(&Subscriber) -> bool) -> u64 {
-        let (frames, lost) = (self.subscriber.frames(), self.subscriber.lost());
-        let mut ids = None;
-        while !enough(&self.subscriber) {
+        let counted = |subscriber: &Subscriber| subscriber.frames() + subscriber.lost();
+        let mut first = None;
+        loop {
             let frame = next_frame(&mut self.subscriber);
             self.expected.check(&frame);
             let id = frame.header().device_frame_id;
-            ids = Some((ids.map_or(id, |(first, _)| first), id));
+            let (first_id, before) = *first.get_or_insert((id, counted(&self.subscriber)));
+            assert_eq!(counted(&self.subscriber) - before, id - first_id);
+            if enough(&self.subscriber) {
+                return id - first_id;
+            }
         }
-        let (first, last) = ids.unwrap();
-        let counted = self.subscriber.frames() - frames + self.subscriber.lost() - lost;
-        // What was lost before the first frame is counted with it.
-        assert!(counted > last - first, "{counted} frames counted, {} by their ids", last - first + 1);
-        last - first
     }
 
     fn take_frames(&mut self, count: u64) -> u64 {

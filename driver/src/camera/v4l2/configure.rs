@@ -47,7 +47,7 @@ pub(super) fn configure(
         stride: layout.row_bytes() as u32,
         pixel_format: settings.pixel_format,
         fps,
-        exposure_us: controls::read_exposure(device, settings)?,
+        exposure_us: controls::read_exposure(device, settings, source)?,
         gain_db: controls::read_gain(device, settings, source)?,
         payload_bytes: layout.payload_bytes(),
     };

@@ -93,29 +93,40 @@ pub(super) fn write_exposure(
     let id = V4L2_CID_EXPOSURE_ABSOLUTE;
     match controls.range(id)? {
         Some(range) => {
-            let value = exposure_value(settings.exposure_us, range)?;
-            Ok(set(controls, id, "exposure_time_absolute", value)?)
+            set(controls, id, "exposure_time_absolute", exposure_value(settings.exposure_us, range)?)
         }
-        None if source.fixed_exposure => Ok(()),
-        None => Err(CameraError::Refused {
-            setting: "exposure_us",
-            asked: settings.exposure_us.to_string(),
-            applied: "no control of it (V4L2_CID_EXPOSURE_ABSOLUTE)".into(),
-            remedy: "use another camera; or, where the exposure time is known to be this, say fixed_exposure = true in its source"
-                .into(),
-        }
-        .into()),
+        None => fixed_exposure(settings, source).map(|_| ()),
     }
 }
 
 /// The exposure time that the device keeps, microseconds, where it is the one asked for.
-pub(super) fn read_exposure(controls: &dyn Controls, settings: &Settings) -> Result<f64, Failure> {
+pub(super) fn read_exposure(
+    controls: &dyn Controls,
+    settings: &Settings,
+    source: &V4l2,
+) -> Result<f64, Failure> {
     let id = V4L2_CID_EXPOSURE_ABSOLUTE;
-    let Some(range) = controls.range(id)? else { return Ok(settings.exposure_us) };
+    let Some(range) = controls.range(id)? else { return fixed_exposure(settings, source) };
     let applied = controls.read(id)? as f64 * EXPOSURE_UNIT_US;
     // Half a step: the nearest one was asked for.
     verify("exposure_us", settings.exposure_us, applied, range.step as f64 * EXPOSURE_UNIT_US / 2.0)?;
     Ok(applied)
+}
+
+/// The exposure time of a device that has no control of it, where it is the one asked for.
+fn fixed_exposure(settings: &Settings, source: &V4l2) -> Result<f64, Failure> {
+    let Some(fixed_us) = source.fixed_exposure_us else {
+        return Err(CameraError::Refused {
+            setting: "exposure_us",
+            asked: settings.exposure_us.to_string(),
+            applied: "no control of it (V4L2_CID_EXPOSURE_ABSOLUTE)".into(),
+            remedy: "use another camera; or, where its exposure time is known, write it as fixed_exposure_us into its source"
+                .into(),
+        }
+        .into());
+    };
+    verify("exposure_us", settings.exposure_us, fixed_us, 0.0)?;
+    Ok(fixed_us)
 }
 
 fn exposure_value(exposure_us: f64, range: Range) -> Result<i64, CameraError> {

@@ -74,8 +74,8 @@ fn settings(exposure_us: f64, gain_db: f64) -> Settings {
     }
 }
 
-fn source(gain_step_db: Option<f64>, fixed_exposure: bool) -> V4l2 {
-    V4l2 { device: V4l2Device::Serial("1".into()), memory: None, gain_step_db, fixed_exposure }
+fn source(gain_step_db: Option<f64>, fixed_exposure_us: Option<f64>) -> V4l2 {
+    V4l2 { device: V4l2Device::Serial("1".into()), memory: None, gain_step_db, fixed_exposure_us }
 }
 
 fn refusal<T>(outcome: Result<T, Failure>) -> String {
@@ -134,23 +134,23 @@ fn exposure_is_set_in_units_of_100_us() {
     let table = Table::default().with(EXPOSURE, (1, 10_000, 1), 157);
     for (asked, value, applied) in [(1000.0, 10, 1000.0), (1049.0, 10, 1000.0), (50.0, 1, 100.0)] {
         let settings = settings(asked, 0.0);
-        fine(write_exposure(&table, &settings, &source(None, false)));
+        fine(write_exposure(&table, &settings, &source(None, None)));
         assert_eq!(table.value(EXPOSURE), value);
-        assert_eq!(fine(read_exposure(&table, &settings)), applied);
+        assert_eq!(fine(read_exposure(&table, &settings, &source(None, None))), applied);
     }
 }
 
 #[test]
 fn exposure_follows_the_steps_of_the_device() {
     let table = Table::default().with(EXPOSURE, (3, 2047, 4), 3);
-    fine(write_exposure(&table, &settings(1000.0, 0.0), &source(None, false)));
+    fine(write_exposure(&table, &settings(1000.0, 0.0), &source(None, None)));
     assert_eq!(table.value(EXPOSURE), 11, "3, 7, 11: 1100 us is nearest");
 }
 
 #[test]
 fn an_exposure_out_of_reach_is_refused_with_the_nearest() {
     let table = Table::default().with(EXPOSURE, (5, 100, 1), 5);
-    let refused = |us| refusal(write_exposure(&table, &settings(us, 0.0), &source(None, false)));
+    let refused = |us| refusal(write_exposure(&table, &settings(us, 0.0), &source(None, None)));
     assert!(refused(20_000.0).contains("500 to 10000 in steps of 100; the nearest exposure_us is 10000"));
     assert!(refused(100.0).contains("the nearest exposure_us is 500"));
     assert_eq!(table.value(EXPOSURE), 5, "nothing was written");
@@ -159,23 +159,27 @@ fn an_exposure_out_of_reach_is_refused_with_the_nearest() {
 #[test]
 fn an_exposure_that_reads_back_otherwise_is_refused() {
     let table = Table::default().with(EXPOSURE, (1, 10_000, 1), 157).stubborn(EXPOSURE);
-    let message = refusal(write_exposure(&table, &settings(1000.0, 0.0), &source(None, false)));
+    let message = refusal(write_exposure(&table, &settings(1000.0, 0.0), &source(None, None)));
     assert!(message.contains("exposure_time_absolute = 10 refused: the camera gives 157"), "{message}");
-    let message = refusal(read_exposure(&table, &settings(1000.0, 0.0)));
+    let message = refusal(read_exposure(&table, &settings(1000.0, 0.0), &source(None, None)));
     assert!(message.contains("exposure_us = 1000 refused: the camera gives 15700"), "{message}");
 }
 
 #[test]
-fn only_a_stated_fixed_exposure_needs_no_control() {
-    let message = refusal(write_exposure(&Table::default(), &settings(1000.0, 0.0), &source(None, false)));
-    assert!(message.contains("fixed_exposure = true"), "{message}");
-    fine(write_exposure(&Table::default(), &settings(1000.0, 0.0), &source(None, true)));
-    assert_eq!(fine(read_exposure(&Table::default(), &settings(1000.0, 0.0))), 1000.0);
+fn a_device_without_the_control_has_the_exposure_that_is_stated() {
+    let (table, flight) = (Table::default(), settings(1000.0, 0.0));
+    let message = refusal(write_exposure(&table, &flight, &source(None, None)));
+    assert!(message.contains("fixed_exposure_us"), "{message}");
+    let fixed = source(None, Some(1000.0));
+    fine(write_exposure(&table, &flight, &fixed));
+    assert_eq!(fine(read_exposure(&table, &flight, &fixed)), 1000.0);
+    let message = refusal(write_exposure(&table, &settings(5000.0, 0.0), &fixed));
+    assert!(message.contains("exposure_us = 5000 refused: the camera gives 1000"), "{message}");
 }
 
 #[test]
 fn no_gain_is_the_lowest() {
-    let (settings, source) = (settings(1000.0, 0.0), source(None, false));
+    let (settings, source) = (settings(1000.0, 0.0), source(None, None));
     let table = Table::default().with(V4L2_CID_GAIN, (16, 255, 1), 100);
     fine(write_gain(&table, &settings, &source));
     assert_eq!(table.value(V4L2_CID_GAIN), 16);
@@ -187,17 +191,17 @@ fn no_gain_is_the_lowest() {
 #[test]
 fn a_gain_changed_behind_the_back_is_refused() {
     let table = Table::default().with(V4L2_CID_GAIN, (16, 255, 1), 17);
-    assert!(refusal(read_gain(&table, &settings(1000.0, 0.0), &source(None, false))).contains("gain_db"));
+    assert!(refusal(read_gain(&table, &settings(1000.0, 0.0), &source(None, None))).contains("gain_db"));
 }
 
 #[test]
 fn gain_in_decibels_needs_their_step() {
     let table = Table::default().with(V4L2_CID_ANALOGUE_GAIN, (10, 250, 1), 10);
     let settings = settings(1000.0, 6.0);
-    let message = refusal(write_gain(&table, &settings, &source(None, false)));
+    let message = refusal(write_gain(&table, &settings, &source(None, None)));
     assert!(message.contains("10 to 250 in a unit that it does not tell; set gain_db = 0"), "{message}");
 
-    let with_step = source(Some(0.3), false);
+    let with_step = source(Some(0.3), None);
     fine(write_gain(&table, &settings, &with_step));
     assert_eq!(table.value(V4L2_CID_ANALOGUE_GAIN), 30);
     assert!((fine(read_gain(&table, &settings, &with_step)) - 6.0).abs() < 1e-9);
