@@ -1,5 +1,6 @@
-# Two commands for everyone: `make demo` shows the whole chain without a camera, `make test` runs every test.
-# Both install the system packages they lack and say so.
+# Three commands for everyone: `make demo` shows the whole chain without a camera, `make test` runs every test, `make lab` those that
+# need a kernel with cameras.
+# They install the system packages they lack and say so.
 
 # Where a folder is not ours, root must act.
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)

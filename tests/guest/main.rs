@@ -2,4 +2,5 @@
 #![allow(clippy::unwrap_used)]
 
 mod usb3_vision;
+mod uvc;
 mod vivid;

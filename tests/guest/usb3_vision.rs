@@ -2,8 +2,9 @@
 
 use uvcam_masker::ImageView;
 use uvcam_shm_ipc::Flags;
+use uvcam_tests::scene::picture;
 use uvcam_tests::usb::Plugged;
-use uvcam_tests::usb3_vision::{Camera, Identity, picture};
+use uvcam_tests::usb3_vision::{Camera, Identity};
 use uvcam_tests::{Stage, next_frame, stderr};
 
 mod faults;

@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use crate::scene;
 use crate::usb::descriptors::{Descriptors, bulk_endpoint, interface};
 use crate::usb::{Bytes, Device, Setup, Speed, Stall};
 use control::{Command, Request};
@@ -13,8 +14,6 @@ mod description;
 mod features;
 mod memory;
 mod stream;
-
-pub use stream::picture;
 
 const CONTROL: u8 = 1;
 const DATA: u8 = 2;
@@ -110,7 +109,7 @@ impl Acquisition {
 impl Camera {
     /// A camera that has just been powered up.
     pub fn new(identity: Identity) -> Self {
-        stream::prepare();
+        scene::prepare();
         let memory = Memory::new(&identity);
         Camera {
             identity,

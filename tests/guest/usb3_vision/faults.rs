@@ -4,8 +4,9 @@ use std::time::{Duration, Instant};
 
 use uvcam_masker::{ImageView, Mask};
 use uvcam_shm_ipc::Subscriber;
+use uvcam_tests::scene::picture;
 use uvcam_tests::usb::Plugged;
-use uvcam_tests::usb3_vision::{Camera, Fault, Identity, picture};
+use uvcam_tests::usb3_vision::{Camera, Fault, Identity};
 use uvcam_tests::{Process, Stage, next_frame, wait_until};
 
 use super::{BYTES, SIZE, camera};

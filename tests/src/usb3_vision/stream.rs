@@ -1,33 +1,14 @@
 //! Frames on their way to the host: a leader, the pixels, a trailer (USB3 Vision 1.1, chapter 5), each a transfer of its own.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, LazyLock};
 
+use crate::scene::picture;
 use crate::usb::Bytes;
 
 pub(super) const LEADER_BYTES: usize = 52;
 pub(super) const TRAILER_BYTES: usize = 32;
 /// Frames that the camera keeps for a host that is late. What comes after them is lost.
 const MEMORY_FRAMES: usize = 4;
-/// Level of the brightest pixel; the darkest is 1, so that no pixel looks masked.
-const LEVELS: usize = 251;
-const LARGEST_FRAME: usize = 2 * 1920 * 1200;
-
-/// What the camera sees: bands that move by a pixel with each frame.
-static SCENE: LazyLock<Arc<[u8]>> =
-    LazyLock::new(|| (0..LARGEST_FRAME + LEVELS).map(|at| (1 + at % LEVELS) as u8).collect());
-
-/// The bytes of the frame with this id, row by row.
-pub fn picture(id: u64, bytes: usize) -> Bytes {
-    let first = (id % LEVELS as u64) as usize;
-    Bytes::part(Arc::clone(&SCENE), first..first + bytes)
-}
-
-/// Draws the scene, which takes longer than a frame: to be called before the first.
-pub(super) fn prepare() {
-    LazyLock::force(&SCENE);
-}
-
 /// What a frame is, besides its pixels.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
