@@ -128,7 +128,11 @@ pub fn paper(
 
 /// Number of [`LIT`] pixels.
 fn count(image: &GrayImage) -> usize {
-    image.as_raw().iter().map(|value| usize::from(*value == LIT)).sum()
+    // As many as a byte can count, so that many are added at a time.
+    let stretches = image.as_raw().chunks(usize::from(u8::MAX));
+    stretches
+        .map(|stretch| usize::from(stretch.iter().map(|value| u8::from(*value == LIT)).sum::<u8>()))
+        .sum()
 }
 
 /// The mask of a shape.

@@ -42,11 +42,18 @@ impl Evidence {
     pub(super) fn new(considered: &GrayImage) -> Self {
         let mut stretches: Vec<std::ops::Range<usize>> = Vec::new();
         let mut start = 0;
-        for stretch in considered.as_raw().chunk_by(|a, b| a == b) {
-            if stretch.first() == Some(&LIT) {
-                stretches.push(start..start + stretch.len());
+        for row in considered.as_raw().chunks((considered.width() as usize).max(1)) {
+            // The lamp's part of the image is passed over row by row.
+            if !row.contains(&LIT) {
+                start += row.len();
+                continue;
             }
-            start += stretch.len();
+            for stretch in row.chunk_by(|a, b| a == b) {
+                if stretch.first() == Some(&LIT) {
+                    stretches.push(start..start + stretch.len());
+                }
+                start += stretch.len();
+            }
         }
         let considered_px = stretches.iter().map(|stretch| stretch.len() as u64).sum();
         Self {
