@@ -323,7 +323,11 @@ impl Link {
         if slept {
             prediction.overslept(watch.wake_ns, woke_ns);
         }
-        while word.frames() == seen && monotonic_ns().saturating_sub(woke_ns) < watch.budget_ns {
+        // The frame itself: it is there before it is announced.
+        while word.frames() == seen
+            && matches!(self.subscriber.has_samples(), Ok(false))
+            && monotonic_ns().saturating_sub(woke_ns) < watch.budget_ns
+        {
             std::hint::spin_loop();
         }
     }
