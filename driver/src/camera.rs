@@ -31,7 +31,7 @@ pub trait Camera: Send {
     /// Who the device says it is.
     fn identity(&self) -> &Identity;
 
-    /// Which clock [`Capture::device_timestamp_ns`] is read from.
+    /// Which clock [`Capture::device_timestamp_ns`] is read from; known with the first frame after `start`.
     fn device_clock(&self) -> DeviceClock {
         DeviceClock::default()
     }

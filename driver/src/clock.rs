@@ -13,6 +13,9 @@ mod fit;
 
 pub use fit::{ClockFit, Placed};
 
+/// Devices tie their stamps to the host's clock by the frames of the bus, one a millisecond (USB 2.0, 8.4.3).
+const USB_FRAME_NS: u64 = 1_000_000;
+
 /// Which clock a camera's timestamps are read from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DeviceClock {
@@ -21,8 +24,10 @@ pub enum DeviceClock {
         /// Nanoseconds from one tick of the counter to the next (SFNC `TimestampIncrement`).
         increment_ns: f64,
     },
-    /// CLOCK_MONOTONIC, read by the kernel or the device at the start of the exposure.
+    /// CLOCK_MONOTONIC, told for the start of the exposure (V4L2_BUF_FLAG_TSTAMP_SRC_SOE).
     HostAtExposureStart,
+    /// CLOCK_MONOTONIC, read when the frame ended (V4L2_BUF_FLAG_TSTAMP_SRC_EOF): as an arrival, without the delay of waking up.
+    HostAtFrameEnd,
 }
 
 impl Default for DeviceClock {
@@ -44,7 +49,7 @@ impl FrameClock {
     pub fn new(clock: DeviceClock) -> Self {
         let increment_ns = match clock {
             DeviceClock::Own { increment_ns } => increment_ns,
-            DeviceClock::HostAtExposureStart => 1.0,
+            DeviceClock::HostAtExposureStart | DeviceClock::HostAtFrameEnd => 1.0,
         };
         FrameClock { clock, fit: ClockFit::new(increment_ns) }
     }
@@ -64,7 +69,10 @@ impl FrameClock {
             match (device_timestamp_ns, self.clock) {
                 (None, _) => (arrival_ns.saturating_sub(half_exposure_ns), header.frame_period_ns),
                 (Some(start_ns), DeviceClock::HostAtExposureStart) => {
-                    (start_ns.saturating_add(half_exposure_ns), half_exposure_ns)
+                    (start_ns.saturating_add(half_exposure_ns), USB_FRAME_NS)
+                }
+                (Some(end_ns), DeviceClock::HostAtFrameEnd) => {
+                    (end_ns.saturating_sub(half_exposure_ns), header.frame_period_ns)
                 }
                 (Some(device_ns), DeviceClock::Own { .. }) => {
                     let placed = self.fit.place(device_ns, arrival_ns);
@@ -111,7 +119,10 @@ mod tests {
         FrameClock::new(DeviceClock::HostAtExposureStart).stamp(&mut header, Some(4_990_000_000));
         assert!(!header.flags.contains(Flags::NO_DEVICE_CLOCK));
         assert_eq!(header.mid_exposure_monotonic_ns, 4_990_500_000);
-        assert_eq!(header.mid_exposure_uncertainty_ns, 500_000);
+        assert_eq!(header.mid_exposure_uncertainty_ns, 1_000_000);
+        FrameClock::new(DeviceClock::HostAtFrameEnd).stamp(&mut header, Some(4_990_000_000));
+        assert_eq!(header.mid_exposure_monotonic_ns, 4_989_500_000);
+        assert_eq!(header.mid_exposure_uncertainty_ns, header.frame_period_ns);
     }
 
     #[test]

@@ -79,7 +79,6 @@ impl FramePath<'_> {
     /// What ended the epoch. The camera is to be dropped.
     pub fn run(&mut self, stop: &AtomicBool, streaming: impl FnOnce()) -> Result<Option<Box<Order>>, Error> {
         add(&self.counters.epochs, 1);
-        self.position.clock = FrameClock::new(self.camera.device_clock());
         self.counters.set_mask_id(self.mask.as_deref().map(Mask::id));
         self.fill_queue()?;
         self.camera.start()?;
@@ -120,7 +119,10 @@ impl FramePath<'_> {
     fn publish(&mut self, capture: Capture) -> Result<(), Error> {
         let Capture { mut slot, frame_id, device_timestamp_ns, arrival_monotonic_ns } = capture;
         self.header.lost_before = match self.position.last_published_id {
-            None => 0,
+            None => {
+                self.position.clock = FrameClock::new(self.camera.device_clock());
+                0
+            }
             Some(last) if frame_id > last => frame_id - last - 1,
             Some(last) => return Err(self.failed(format!("frame id {frame_id} follows {last}")).into()),
         };

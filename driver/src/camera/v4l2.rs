@@ -16,6 +16,7 @@ use uvcam_shm_ipc::Slot;
 
 use super::frame_id::SequenceUnwrapper;
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
+use crate::clock::DeviceClock;
 use crate::config::{V4l2, V4l2Memory};
 use controls::Failure;
 use format::Layout;
@@ -42,6 +43,8 @@ pub struct V4l2Camera {
     source: V4l2,
     configured: Option<(Applied, Layout)>,
     sequence: SequenceUnwrapper,
+    /// As the last frame was stamped.
+    clock: DeviceClock,
 }
 
 impl V4l2Camera {
@@ -58,6 +61,7 @@ impl V4l2Camera {
             source: source.clone(),
             configured: None,
             sequence: SequenceUnwrapper::default(),
+            clock: DeviceClock::HostAtFrameEnd,
         })
     }
 
@@ -86,6 +90,10 @@ fn is_gone(error: &io::Error) -> bool {
 impl Camera for V4l2Camera {
     fn identity(&self) -> &Identity {
         &self.identity
+    }
+
+    fn device_clock(&self) -> DeviceClock {
+        self.clock
     }
 
     fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError> {
@@ -143,12 +151,18 @@ impl Camera for V4l2Camera {
         };
         Ok(match filled.frame {
             None => Event::Incomplete(filled.slot),
-            Some(frame) => Event::Complete(Capture {
-                slot: filled.slot,
-                frame_id: self.sequence.unwrap(frame.sequence),
-                device_timestamp_ns: frame.timestamp_ns,
-                arrival_monotonic_ns: filled.arrival_monotonic_ns,
-            }),
+            Some(frame) => {
+                self.clock = match frame.is_of_exposure_start {
+                    true => DeviceClock::HostAtExposureStart,
+                    false => DeviceClock::HostAtFrameEnd,
+                };
+                Event::Complete(Capture {
+                    slot: filled.slot,
+                    frame_id: self.sequence.unwrap(frame.sequence),
+                    device_timestamp_ns: frame.timestamp_ns,
+                    arrival_monotonic_ns: filled.arrival_monotonic_ns,
+                })
+            }
         })
     }
 

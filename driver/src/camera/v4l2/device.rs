@@ -61,6 +61,8 @@ pub(super) struct Dequeued {
     pub(super) sequence: u32,
     /// The driver's stamp, where it is CLOCK_MONOTONIC.
     pub(super) timestamp_ns: Option<u64>,
+    /// Whether it was taken at the start of the exposure; otherwise at the end of the frame.
+    pub(super) is_of_exposure_start: bool,
 }
 
 /// What a wait ended with.
@@ -209,6 +211,8 @@ impl Device {
                 bytes_used: buffer.bytesused as usize,
                 sequence: buffer.sequence,
                 timestamp_ns: monotonic_stamp_ns(&buffer),
+                is_of_exposure_start: buffer.flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK
+                    == V4L2_BUF_FLAG_TSTAMP_SRC_SOE,
             })),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => Ok(None),
             Err(error) => Err(error),

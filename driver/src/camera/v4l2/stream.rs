@@ -58,6 +58,7 @@ pub(super) struct Filled {
 pub(super) struct Frame {
     pub(super) sequence: u32,
     pub(super) timestamp_ns: Option<u64>,
+    pub(super) is_of_exposure_start: bool,
 }
 
 impl Stream {
@@ -170,7 +171,11 @@ impl Stream {
     /// The slot that the frame is in; `None` where there was none for it.
     fn take(&mut self, done: &Dequeued, layout: &Layout) -> io::Result<Option<(Slot, Option<Frame>)>> {
         let whole = !done.damaged && done.bytes_used >= layout.frame_bytes();
-        let frame = whole.then_some(Frame { sequence: done.sequence, timestamp_ns: done.timestamp_ns });
+        let frame = whole.then_some(Frame {
+            sequence: done.sequence,
+            timestamp_ns: done.timestamp_ns,
+            is_of_exposure_start: done.is_of_exposure_start,
+        });
         let unknown = || io::Error::other(format!("its driver returned the unknown buffer {}", done.index));
         match &mut self.buffers {
             Buffers::UserPointer(buffers) => {
