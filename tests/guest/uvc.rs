@@ -3,10 +3,12 @@
 use std::fs;
 use std::path::PathBuf;
 
+use uvcam_masker::{ImageView, Mask};
+use uvcam_shm_ipc::{Frame, Subscriber, monotonic_ns};
 use uvcam_tests::scene::picture;
 use uvcam_tests::usb::Plugged;
 use uvcam_tests::uvc::{Camera, SIZE};
-use uvcam_tests::wait_until;
+use uvcam_tests::{Process, Stage, next_frame, stderr, wait_until};
 use v4l::buffer::Type;
 use v4l::control::{Control, Value};
 use v4l::io::traits::CaptureStream;
@@ -21,6 +23,11 @@ const EXPOSURE_AUTO: u32 = 0x009a_0901;
 const EXPOSURE_MANUAL: i64 = 1;
 const EXPOSURE_ABSOLUTE: u32 = 0x009a_0902;
 const EXPOSURE_AUTO_PRIORITY: u32 = 0x009a_0903;
+
+/// Rows that the mask blanks.
+const MASKED_ROWS: u32 = 100;
+/// The longest time from the return of the camera to its first good frame. The guest's clock counts instructions: it can be relied on.
+const RECOVERY_NS: u64 = 1_000_000_000;
 
 /// The node that the kernel makes of the camera; udev links it by the serial number.
 fn node(serial: &str) -> PathBuf {
@@ -60,5 +67,99 @@ fn exposure_and_gain_arrive_as_asked_and_pictures_as_drawn() {
         let (pixels, metadata) = stream.next().unwrap();
         assert_eq!((metadata.sequence, metadata.bytesused as usize), (sequence, pixels.len()));
         assert!(pixels == &*picture(u64::from(pixels[0]) - 1, pixels.len()), "picture {sequence}");
+    }
+}
+
+/// A driver on the camera, and a consumer that looks at every frame.
+struct Flight {
+    memory: &'static str,
+    camera: Option<Plugged<Camera>>,
+    mask: Mask,
+    subscriber: Subscriber,
+    driver: Process,
+    // Last: the others live in it.
+    _stage: Stage,
+}
+
+impl Flight {
+    fn start(memory: &'static str) -> Self {
+        let camera = Plugged::new(Camera::new("UVC1"));
+        node("UVC1");
+        let (width, height) = SIZE;
+        let stage = Stage::new(&format!(
+            "[[camera]]\nname = \"left\"\nwidth = {width}\nheight = {height}\nfps = 60\nexposure_us = 1000\n\
+             gain_db = 1.7\nmask = \"mask.png\"\n[camera.source]\nkind = \"v4l2\"\nserial = \"UVC1\"\n\
+             memory = \"{memory}\"\ngain_step_db = 0.1\n"
+        ));
+        let mask = stage.write_mask("mask.png", (width.into(), height.into()), MASKED_ROWS);
+        let subscriber = stage.subscriber("left");
+        let driver = stage.driver();
+        Flight { memory, camera: Some(camera), mask, subscriber, driver, _stage: stage }
+    }
+
+    /// Takes a frame, which must be masked and otherwise one that the camera drew.
+    fn frame(&mut self) -> Frame {
+        let frame = next_frame(&mut self.subscriber);
+        let (width, height) = (u32::from(SIZE.0), u32::from(SIZE.1));
+        let image = ImageView::new(frame.pixels(), width, height, width as usize, 1).unwrap();
+        assert_eq!(self.mask.masked_nonzero(&image).unwrap(), 0);
+        let drawn = picture(u64::from(frame.pixels()[0]) - 1, frame.pixels().len());
+        let kept = ((height - MASKED_ROWS) * width) as usize;
+        assert!(frame.pixels()[..kept] == drawn[..kept], "frame {}", frame.header().device_frame_id);
+        frame
+    }
+
+    fn report(self, what: &str, seen: &str, recovery: &str) {
+        println!("\n| UVC, {}: {what} | {seen} | {} | {recovery} |", self.memory, self.subscriber.lost());
+        let output = self.driver.stop();
+        assert!(output.status.success(), "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn the_driver_sets_the_camera_and_loses_no_frame() {
+    for memory in ["userptr", "mmap"] {
+        let mut flight = Flight::start(memory);
+        for id in 0..300 {
+            let header = *flight.frame().header();
+            assert_eq!((header.device_frame_id, header.exposure_us), (id, 1000.0));
+            assert!((header.gain_db - 1.7).abs() < 1e-9);
+        }
+        assert_eq!((flight.subscriber.lost(), flight.subscriber.epochs()), (0, 1));
+        {
+            let camera = flight.camera.as_ref().unwrap().device();
+            assert_eq!((camera.exposure_us(), camera.gain()), (Some(1000.0), 17));
+            assert!(!camera.lowers_frame_rate() && camera.power_line_frequency() == 0);
+        }
+        flight.report("300 frames", "nothing", "-");
+    }
+}
+
+#[test]
+fn an_unplugged_camera_is_found_again_by_its_serial() {
+    for memory in ["userptr", "mmap"] {
+        let mut flight = Flight::start(memory);
+        for _ in 0..30 {
+            flight.frame();
+        }
+        flight.camera = None;
+        flight.camera = Some(Plugged::new(Camera::new("UVC1")));
+        let plugged = monotonic_ns();
+        let recovery_ns = loop {
+            let frame = flight.frame();
+            if frame.epoch_changed() {
+                break frame.header().arrival_monotonic_ns - plugged;
+            }
+        };
+        for _ in 0..30 {
+            flight.frame();
+        }
+        assert_eq!((flight.subscriber.lost(), flight.subscriber.epochs()), (0, 2));
+        assert!(recovery_ns < RECOVERY_NS, "{recovery_ns} ns");
+        flight.report(
+            "unplugged and plugged in",
+            "a new epoch",
+            &format!("{:.2}", recovery_ns as f64 * 1e-9),
+        );
     }
 }
