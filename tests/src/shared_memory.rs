@@ -37,6 +37,17 @@ impl SharedMemory {
     }
 }
 
+impl Drop for SharedMemory {
+    /// Takes away what killed processes left behind.
+    fn drop(&mut self) {
+        let prefix = self.settings().prefix;
+        let files = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+        for file in files.filter(|file| file.file_name().to_string_lossy().starts_with(&prefix)) {
+            let _ = std::fs::remove_file(file.path());
+        }
+    }
+}
+
 impl Default for SharedMemory {
     fn default() -> Self {
         SharedMemory::new()

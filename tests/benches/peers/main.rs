@@ -78,9 +78,17 @@ fn main() {
             // Each round begins with another chain: none always follows the same one.
             let first = round as usize % chains.len().max(1);
             for chain in chains.iter().cycle().skip(first).take(chains.len()) {
-                let sample = measure::run(*chain, scene, &toolbox, options.seconds);
-                eprintln!("round {}, {scene}, {:<21} {sample}", round + 1, chain.name());
-                results.add(*chain, scene, sample);
+                let name = chain.name();
+                match measure::run(*chain, scene, &toolbox, options.seconds) {
+                    Ok(sample) => {
+                        eprintln!("round {}, {scene}, {name:<21} {sample}", round + 1);
+                        results.add(*chain, scene, sample);
+                    }
+                    Err(error) => {
+                        eprintln!("round {}, {scene}, {name:<21} FAILED: {error}", round + 1);
+                        results.failed.push(format!("round {}, {scene}, {name}: {error}", round + 1));
+                    }
+                }
             }
         }
     }
@@ -106,7 +114,7 @@ fn plan(options: &Options, chains: &[Chain]) -> Vec<(Scene, Vec<Chain>)> {
 /// For this process, and for those that it starts from here on.
 fn take_realtime_priority() {
     let id = std::process::id().to_string();
-    let chrt = Command::new("chrt").args(["--fifo", "--pid", "10", &id]).status();
+    let chrt = Command::new("chrt").args(["--rr", "--pid", "10", &id]).status();
     assert!(
         chrt.is_ok_and(|status| status.success()),
         "--realtime needs chrt (util-linux) and the right to use it"

@@ -86,24 +86,25 @@ impl fmt::Display for Sample {
     }
 }
 
-/// Starts a chain, lets it warm up, measures it, and ends it.
-pub fn run(chain: Chain, scene: &Scene, toolbox: &Toolbox, seconds: f64) -> Sample {
+/// Starts a chain, lets it warm up, measures it, and ends it. Where that fails, says why.
+pub fn run(chain: Chain, scene: &Scene, toolbox: &Toolbox, seconds: f64) -> Result<Sample, String> {
     let start = |program| Running::start(toolbox.command(chain, &program, scene, seconds));
     let producer = chain.producer().map(start);
     let mut consumer = start(chain.consumer());
     let lines = consumer.lines();
-    let line = || match lines.recv_timeout(PATIENCE + Duration::from_secs_f64(seconds)) {
-        Ok(line) => line,
-        Err(_) => panic!("{}: {scene}: the consumer fell silent", chain.name()),
+    let line = || {
+        let line = lines.recv_timeout(PATIENCE + Duration::from_secs_f64(seconds));
+        line.map_err(|_| "the consumer fell silent".to_owned())
     };
-    assert_eq!(line(), "begin");
+    let begin = line()?;
+    assert_eq!(begin, "begin");
     let before = Usage::read(producer.as_ref(), &consumer);
-    let line = line();
+    let line = line()?;
     let after = Usage::read(producer.as_ref(), &consumer);
-    let report: Report = serde_json::from_str(&line).unwrap_or_else(|error| panic!("{line}: {error}"));
+    let report: Report = serde_json::from_str(&line).map_err(|error| format!("{line}: {error}"))?;
     consumer.end();
     producer.into_iter().for_each(Running::end);
-    sample(&report, &before, &after)
+    Ok(sample(&report, &before, &after))
 }
 
 fn sample(report: &Report, before: &Usage, after: &Usage) -> Sample {

@@ -32,6 +32,7 @@ pub fn tables(results: &Results) -> String {
     }
     let skipped = results.skipped.iter().map(|line| format!("skipped: {line}\n"));
     text.extend(skipped);
+    text.extend(results.failed.iter().map(|line| format!("FAILED: {line}\n")));
     let others = results.others_cores();
     let _ = writeln!(text, "\nEverything else on the machine took {others:.2} cores meanwhile.");
     text

@@ -17,6 +17,8 @@ pub struct Results {
     realtime: bool,
     /// Chains that this machine cannot run, and why.
     pub skipped: Vec<String>,
+    /// Runs that gave no figures, and why.
+    pub failed: Vec<String>,
     /// What must hold, and what was found.
     pub requirements: Vec<Requirement>,
     /// Each chain in each scene.
@@ -60,6 +62,7 @@ impl Results {
             seconds,
             realtime,
             skipped: vec![],
+            failed: vec![],
             requirements: vec![],
             chains: vec![],
         }

@@ -84,7 +84,7 @@ fn has_shm_elements(program: PathBuf) -> Result<PathBuf, String> {
     for element in ["shmsink", "appsrc"] {
         let found = Command::new("gst-inspect-1.0").args(["--exists", element]).status();
         if !found.is_ok_and(|status| status.success()) {
-            return Err(format!("GStreamer has no {element}"));
+            return Err(format!("gst-inspect-1.0 does not find {element}"));
         }
     }
     Ok(program)
