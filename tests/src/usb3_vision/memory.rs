@@ -143,7 +143,7 @@ impl Memory {
             self.put(address, data);
             return Ok(None);
         }
-        if address < FEATURE_REGISTERS || address >= DESCRIPTION {
+        if !(FEATURE_REGISTERS..DESCRIPTION).contains(&address) {
             return Err(Refusal::WriteProtect);
         }
         let place = ((address - FEATURE_REGISTERS) / FEATURE_SPACING) as usize;
