@@ -7,6 +7,8 @@
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use rustix::thread::clock_nanosleep_absolute;
@@ -41,14 +43,20 @@ fn main() {
 fn drive(settings: &Settings) {
     let publisher = Publisher::create(settings, CAMERA, 752 * 480, 6).unwrap();
     println!("ready");
-    std::thread::spawn(|| {
+    let stop = Arc::new(AtomicBool::new(false));
+    let told = Arc::clone(&stop);
+    std::thread::spawn(move || {
         std::io::stdin().lines().for_each(drop);
-        std::process::exit(0);
+        // Relaxed: the flag carries no data.
+        told.store(true, Ordering::Relaxed);
     });
     let mut header = FrameHeader::new(752, 480, 752, PixelFormat::Mono8);
     header.frame_period_ns = PERIOD_NS;
     let start_ns = monotonic_ns();
     for sequence in 0.. {
+        if stop.load(Ordering::Relaxed) {
+            return;
+        }
         let due_ns = start_ns + sequence * PERIOD_NS;
         let due =
             Timespec { tv_sec: (due_ns / 1_000_000_000) as i64, tv_nsec: (due_ns % 1_000_000_000) as i64 };
