@@ -7,6 +7,7 @@ use uvcam_tests::usb::Plugged;
 use uvcam_tests::usb3_vision::{Camera, Identity};
 use uvcam_tests::{Stage, next_frame, stderr};
 
+mod copies;
 mod faults;
 mod replug;
 
