@@ -7,7 +7,7 @@ use uvcam_masker::{ImageView, Mask};
 use uvcam_shm_ipc::{Frame, Subscriber, monotonic_ns};
 use uvcam_tests::scene::picture;
 use uvcam_tests::usb::Plugged;
-use uvcam_tests::uvc::{Camera, SIZE};
+use uvcam_tests::uvc::{Camera, Fault, SIZE};
 use uvcam_tests::{Process, Stage, next_frame, stderr, wait_until};
 use v4l::buffer::Type;
 use v4l::control::{Control, Value};
@@ -161,5 +161,51 @@ fn an_unplugged_camera_is_found_again_by_its_serial() {
             "a new epoch",
             &format!("{:.2}", recovery_ns as f64 * 1e-9),
         );
+    }
+}
+
+#[test]
+fn a_spoilt_picture_is_one_lost_frame() {
+    for memory in ["userptr", "mmap"] {
+        let mut flight = Flight::start(memory);
+        for (lost, fault) in [(1, Fault::ShortPayload), (2, Fault::ErrorBit)] {
+            flight.frame();
+            flight.camera.as_ref().unwrap().device().fail(fault);
+            while flight.subscriber.lost() < lost {
+                flight.frame();
+            }
+            for _ in 0..30 {
+                flight.frame();
+            }
+            assert_eq!((flight.subscriber.lost(), flight.subscriber.epochs()), (lost, 1), "{fault:?}");
+        }
+        flight.report("half a picture, a picture with the error bit", "gaps", "-");
+    }
+}
+
+#[test]
+fn a_camera_that_freezes_is_opened_again() {
+    for memory in ["userptr", "mmap"] {
+        let mut flight = Flight::start(memory);
+        let mut last_ns = 0;
+        for _ in 0..30 {
+            last_ns = flight.frame().header().arrival_monotonic_ns;
+        }
+        flight.camera.as_ref().unwrap().device().fail(Fault::Freeze);
+        let silence_ns = loop {
+            let frame = flight.frame();
+            let arrival_ns = frame.header().arrival_monotonic_ns;
+            if frame.epoch_changed() {
+                break arrival_ns - last_ns;
+            }
+            last_ns = arrival_ns;
+        };
+        for _ in 0..30 {
+            flight.frame();
+        }
+        assert_eq!((flight.subscriber.lost(), flight.subscriber.epochs()), (0, 2));
+        // A camera counts as silent after a second.
+        assert!(silence_ns < 1_000_000_000 + RECOVERY_NS, "{silence_ns} ns");
+        flight.report("silence", "a new epoch", &format!("{:.2}", silence_ns as f64 * 1e-9));
     }
 }
