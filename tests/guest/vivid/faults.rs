@@ -69,12 +69,8 @@ impl Flight {
 
     /// Prints what a consumer saw.
     fn report(self, fault: &str, seen: &str, recovery_ns: Option<u64>) {
-        let recovery = recovery_ns.map_or("-".into(), |time| format!("{:.2} s", time as f64 * 1e-9));
-        println!(
-            "| vivid, {}: {fault} | {seen} | {} lost | {recovery} |",
-            self.memory,
-            self.subscriber.lost()
-        );
+        let recovery = recovery_ns.map_or("-".into(), |time| format!("{:.2}", time as f64 * 1e-9));
+        println!("\n| vivid, {}: {fault} | {seen} | {} | {recovery} |", self.memory, self.subscriber.lost());
         let output = self.driver.stop();
         assert!(output.status.success(), "{}", stderr(&output));
     }
