@@ -1,6 +1,6 @@
 //! Three cameras with four consumers each, of which one stops now and then and one dies now and then: the others lose nothing.
 //!
-//! Takes 20 s; `make soak` lets it run for ten minutes.
+//! `make soak` lets it run for ten minutes, alone: what a consumer loses on a busy machine tells of that machine.
 #![allow(clippy::unwrap_used)]
 
 use std::time::{Duration, Instant};
