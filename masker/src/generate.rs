@@ -16,6 +16,7 @@ mod paper;
 mod parameters;
 mod polygon;
 mod specks;
+mod strip;
 mod verdict;
 
 use thiserror::Error;
@@ -26,6 +27,7 @@ pub use neighbours::LEAF_SIZES;
 pub use parameters::{ParameterError, Parameters};
 pub use verdict::{Finding, Method, Verdict};
 
+use self::strip::Strip;
 use crate::components::Components;
 use crate::image::GrayImage;
 use crate::mask::{KEEP, Mask};
@@ -111,10 +113,12 @@ pub fn paper(
 ) -> Result<Outcome, GenerateError> {
     parameters.check()?;
     let considered = ignored.considered(image.width(), image.height());
-    let lit = paper::candidates(image, &considered, parameters.sigma);
+    let strip = Strip::around(&considered, parameters.reach());
+    let considered_part = strip.cut(&considered);
+    let lit = paper::candidates(strip.pixels(image), &considered_part, parameters.sigma);
     let candidates = count(&lit);
-    let mut evidence = evidence::Evidence::new(&considered);
-    evidence.add(image);
+    let mut evidence = evidence::Evidence::new(&considered_part, strip.top());
+    evidence.add(strip.pixels(image));
     let mut findings = fused::find(&evidence, parameters).findings;
     findings.retain(|finding| !matches!(finding, Finding::TooDark { .. } | Finding::TooFewFrames { .. }));
     if candidates <= parameters.eta as usize {
@@ -122,7 +126,7 @@ pub fn paper(
         findings.insert(0, Finding::TooDark { candidates, eta: parameters.eta, level });
         return Ok(Outcome::new(Method::Paper, candidates, findings, None));
     }
-    let mask = mask_of(paper::connect(&lit, parameters)?);
+    let mask = mask_of(strip.paste(&paper::connect(&lit, parameters)?));
     Ok(Outcome::new(Method::Paper, candidates, findings, Some((mask, &considered))))
 }
 

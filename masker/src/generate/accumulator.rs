@@ -2,6 +2,7 @@
 
 use super::evidence::Evidence;
 use super::growth::grow;
+use super::strip::Strip;
 use super::verdict::Method;
 use super::{GenerateError, IgnoredRegion, Outcome, Parameters, fused, mask_of};
 use crate::check::{ISLET_BELOW, fill_islets};
@@ -36,6 +37,7 @@ pub struct Progress {
 pub struct Accumulator {
     evidence: Evidence,
     considered: GrayImage,
+    strip: Strip,
     parameters: Parameters,
     calm_frames: u32,
 }
@@ -53,8 +55,9 @@ impl Accumulator {
     ) -> Result<Self, GenerateError> {
         parameters.check()?;
         let considered = ignored.considered(width, height);
-        let evidence = Evidence::new(&considered);
-        Ok(Self { evidence, considered, parameters: parameters.clone(), calm_frames: 0 })
+        let strip = Strip::around(&considered, parameters.reach());
+        let evidence = Evidence::new(&strip.cut(&considered), strip.top());
+        Ok(Self { evidence, considered, strip, parameters: parameters.clone(), calm_frames: 0 })
     }
 
     /// Takes a frame.
@@ -62,12 +65,12 @@ impl Accumulator {
     /// # Errors
     /// [`GenerateError::Size`] where the frame has another size; it is left out.
     pub fn add(&mut self, frame: &GrayImage) -> Result<Progress, GenerateError> {
-        let (found, expected) = (frame.dimensions(), self.evidence.dimensions());
+        let (found, expected) = (frame.dimensions(), self.considered.dimensions());
         if found != expected {
             return Err(GenerateError::Size { found, expected });
         }
         let before = self.evidence.lit_px;
-        self.evidence.add(frame);
+        self.evidence.add(self.strip.pixels(frame));
         let lit_px = self.evidence.lit_px;
         let is_calm = (lit_px - before) as f64 <= CALM_SHARE * lit_px as f64;
         self.calm_frames = if is_calm { self.calm_frames + 1 } else { 0 };
@@ -89,7 +92,7 @@ impl Accumulator {
         let mut shape = found.airframe;
         let mask = (found.candidates > self.parameters.eta as usize).then(|| {
             grow(&mut shape, self.parameters.kappa);
-            (without_islets(mask_of(shape)), &self.considered)
+            (without_islets(mask_of(self.strip.paste(&shape))), &self.considered)
         });
         Outcome::new(Method::Fused, found.candidates, found.findings, mask)
     }

@@ -19,6 +19,8 @@ const CHANCE_PX: f64 = 0.1;
 pub(super) struct Evidence {
     width: u32,
     height: u32,
+    /// Row of the image in which its first one is.
+    pub(super) top: u32,
     /// Considered pixels: stretches of indices in row order.
     considered: Vec<std::ops::Range<usize>>,
     considered_px: u64,
@@ -38,8 +40,8 @@ pub(super) struct Evidence {
 }
 
 impl Evidence {
-    /// Nothing seen yet in the pixels of `considered` that are [`LIT`].
-    pub(super) fn new(considered: &GrayImage) -> Self {
+    /// Nothing seen yet in the pixels of `considered` that are [`LIT`]: rows of an image from row `top` on.
+    pub(super) fn new(considered: &GrayImage, top: u32) -> Self {
         let mut stretches: Vec<std::ops::Range<usize>> = Vec::new();
         let mut start = 0;
         for row in considered.as_raw().chunks((considered.width() as usize).max(1)) {
@@ -59,6 +61,7 @@ impl Evidence {
         Self {
             width: considered.width(),
             height: considered.height(),
+            top,
             considered: stretches,
             considered_px,
             faint: vec![0; considered.len()],
@@ -71,14 +74,9 @@ impl Evidence {
         }
     }
 
-    pub(super) fn dimensions(&self) -> (u32, u32) {
-        (self.width, self.height)
-    }
-
-    /// Adds a frame of the same size.
-    pub(super) fn add(&mut self, frame: &GrayImage) {
+    /// Adds the same rows of a frame, pixels in row order.
+    pub(super) fn add(&mut self, pixels: &[u8]) {
         self.frames += 1;
-        let pixels = frame.as_raw();
         let histogram = histogram(self.considered.iter().map(|stretch| &pixels[stretch.clone()]));
         for (sum, px) in self.histogram.iter_mut().zip(&histogram) {
             *sum += px;

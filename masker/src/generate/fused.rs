@@ -64,7 +64,7 @@ pub(super) fn find(evidence: &Evidence, parameters: &Parameters) -> Found {
         findings.push(Finding::TooDark { candidates, eta: parameters.eta, level });
     } else if is_weak {
         findings.push(Finding::TooWeak { level });
-    } else if let Some(place) = bounds(&doubtful) {
+    } else if let Some(place) = bounds(&doubtful, evidence.top) {
         findings.push(if uncertain_px > candidates {
             Finding::Unclear { uncertain_px, candidates, place }
         } else {
@@ -108,7 +108,11 @@ fn unstable(evidence: &Evidence, needed: u32, near: &GrayImage, parameters: &Par
     let mut passing = evidence.passing(needed);
     remove(&mut passing, near);
     drop_specks(&mut passing, (pen_px / 2.0) as usize);
-    bounds(&passing).map(|place| Finding::Unstable { unsure_px: count(&passing), place, needed })
+    bounds(&passing, evidence.top).map(|place| Finding::Unstable {
+        unsure_px: count(&passing),
+        place,
+        needed,
+    })
 }
 
 /// Typical grey value of the brightest `lit_px` pixels where they are lit, in `needed` frames.
@@ -128,10 +132,10 @@ fn remove(image: &mut GrayImage, shape: &GrayImage) {
     image.iter_mut().zip(shape.as_raw()).for_each(|(pixel, shape)| *pixel &= !shape);
 }
 
-/// The bounding box of the [`LIT`] pixels; `None` where there is none.
-fn bounds(image: &GrayImage) -> Option<Rectangle> {
+/// The bounding box of the [`LIT`] pixels of rows from row `top` on; `None` where there is none.
+fn bounds(image: &GrayImage, top: u32) -> Option<Rectangle> {
     let is_lit = |value: &u8| *value == LIT;
-    let rows = (0..).zip(image.as_raw().chunks_exact((image.width() as usize).max(1)));
+    let rows = (top..).zip(image.as_raw().chunks_exact((image.width() as usize).max(1)));
     let lit = rows.filter_map(|(y, row)| {
         let (left, right) = (row.iter().position(is_lit)?, row.iter().rposition(is_lit)?);
         Some(Rectangle::around(left as u32, y, right as u32 + 1, y + 1))

@@ -6,10 +6,10 @@ use super::polygon::PolygonFiller;
 use super::{GenerateError, LIT, Parameters};
 use crate::image::GrayImage;
 
-/// Pixels of `image` that may show the airframe: [`LIT`] where brighter than sigma and considered (equations 2 to 5).
-pub(super) fn candidates(image: &GrayImage, considered: &GrayImage, sigma: u8) -> GrayImage {
+/// Those of `pixels`, in row order, that may show the airframe: [`LIT`] where brighter than sigma and considered (equations 2 to 5).
+pub(super) fn candidates(pixels: &[u8], considered: &GrayImage, sigma: u8) -> GrayImage {
     let mut candidates = considered.clone();
-    for (candidate, value) in candidates.iter_mut().zip(image.as_raw()) {
+    for (candidate, value) in candidates.iter_mut().zip(pixels) {
         *candidate = if *value > sigma { *candidate } else { 0 };
     }
     candidates

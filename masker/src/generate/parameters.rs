@@ -55,6 +55,11 @@ pub enum ParameterError {
 }
 
 impl Parameters {
+    /// How far growth reaches from a candidate at most, in pixels.
+    pub(super) fn reach(&self) -> u32 {
+        self.kappa.div_ceil(2)
+    }
+
     /// Checks the ranges.
     ///
     /// # Errors
