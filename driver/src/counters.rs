@@ -23,7 +23,7 @@ pub struct Counters {
     pub no_free_slot: AtomicU64,
     /// Streams begun.
     pub epochs: AtomicU64,
-    /// Attempts to open the camera, and streams, that ended in an error.
+    /// Streams, and attempts to open the camera, that ended in an error. Looks for a camera that is absent do not count.
     pub failures: AtomicU64,
     /// From the whole frame in memory to its mask applied.
     pub arrival_to_masked: LatencyHistogram,

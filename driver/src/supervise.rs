@@ -153,9 +153,12 @@ impl Supervisor {
             let begin = Instant::now();
             let published_before = self.counters.published.load(Ordering::Relaxed);
             let Err(error) = self.stream(&mut mask, back_off.listening()) else { return };
-            add(&self.counters.failures, 1);
+            let is_absent = matches!(error, Error::Camera(CameraError::Absent { .. }));
+            if !is_absent {
+                add(&self.counters.failures, 1);
+            }
             let has_worked = self.counters.published.load(Ordering::Relaxed) > published_before;
-            if has_worked || matches!(error, Error::Camera(CameraError::Absent { .. })) {
+            if has_worked || is_absent {
                 back_off.forget();
             }
             if error.is_final() {

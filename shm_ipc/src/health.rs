@@ -164,7 +164,7 @@ pub struct Health {
     pub no_free_slot: u64,
     /// Streams begun.
     pub epochs: u64,
-    /// Attempts to open the camera, and streams, that ended in an error.
+    /// Streams, and attempts to open the camera, that ended in an error. Looks for a camera that is absent do not count.
     pub failures: u64,
     /// Memory of the driver's process, shared memory that it touched included, in bytes.
     pub resident_bytes: u64,
