@@ -64,11 +64,15 @@ fn ready(serial: &str, settings: &Settings) -> (AravisCamera, Applied, Slots) {
     (camera, applied, slots)
 }
 
-/// The next frame, which must be whole.
+/// The next whole frame. The first of a GigE Vision stream need not be: its socket gets its size with the first packet. A later
+/// one that is lost shows in the ids.
 fn whole(camera: &mut dyn Camera) -> Capture {
-    match camera.next(PATIENCE).unwrap() {
-        Event::Complete(capture) => capture,
-        event => panic!("a whole frame was expected, not {event:?}"),
+    loop {
+        match camera.next(PATIENCE).unwrap() {
+            Event::Complete(capture) => return capture,
+            Event::Incomplete(slot) => camera.queue(slot).unwrap(),
+            Event::Timeout => panic!("no frame within {PATIENCE:?}"),
+        }
     }
 }
 

@@ -86,6 +86,9 @@ fn allowed_buffer(wanted_bytes: usize) -> usize {
 }
 
 /// After the stream is made, before its first frame. Does nothing to a stream of another transport.
+///
+/// The library gives its socket the size when the first packet arrives. Until then it has the kernel's (net.core.rmem_default), so
+/// that the first frame of a stream can be lost on a busy machine, before anyone counts.
 pub(super) fn tune(stream: &Stream, payload_bytes: usize) {
     let Some(stream) = stream.downcast_ref::<GvStream>() else { return };
     // A packet asked for again would hold back the frames after it.
