@@ -78,8 +78,7 @@ impl FrameClock {
                     let placed = self.fit.place(device_ns, arrival_ns);
                     let fit_ns = placed.uncertainty_ns.unwrap_or(header.frame_period_ns);
                     (
-                        // No frame arrives early: while the fit still follows a late one, the arrival itself knows better.
-                        placed.arrival_ns.min(arrival_ns).saturating_sub(half_exposure_ns),
+                        placed.arrival_ns.saturating_sub(half_exposure_ns),
                         header.frame_period_ns.saturating_add(fit_ns),
                     )
                 }
