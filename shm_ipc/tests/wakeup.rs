@@ -72,6 +72,8 @@ fn six_sleepers_get_every_frame() {
                     }
                 });
             }
+            // One that meets a file which another is just making looks again a little later.
+            wait_until("all consumers", || publisher.subscribers() == 6);
             for sequence in 0..100 {
                 publish_at_period(&publisher, sequence, 2_000_000);
                 let mut who: Vec<_> = (0..6).map(|_| told.recv_timeout(PATIENCE).unwrap()).collect();
