@@ -86,6 +86,11 @@ impl FrameClock {
         let age_ns = monotonic_ns().saturating_sub(header.mid_exposure_monotonic_ns);
         header.mid_exposure_realtime_ns = realtime_ns().saturating_sub(age_ns);
     }
+
+    /// Lets the frame stamped last tell about the frames to come: what can wait until it was sent.
+    pub fn learn(&mut self) {
+        self.fit.learn();
+    }
 }
 
 #[cfg(test)]

@@ -132,6 +132,7 @@ impl FramePath<'_> {
         self.header.arrival_monotonic_ns = arrival_monotonic_ns;
         self.position.clock.stamp(&mut self.header, device_timestamp_ns);
         self.publisher.publish(slot, &self.header)?;
+        self.position.clock.learn();
         self.counters.arrival_to_masked.record(masked_ns.saturating_sub(arrival_monotonic_ns));
         self.counters.masked_to_sent.record(monotonic_ns().saturating_sub(masked_ns));
         self.header.sequence += 1;

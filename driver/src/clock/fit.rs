@@ -34,6 +34,8 @@ pub struct ClockFit {
     increment_ns: f64,
     state: Option<State>,
     envelope: Envelope,
+    /// How well the envelope fits at present; `None` where too little is known yet.
+    misfit_ns: Option<u64>,
 }
 
 #[derive(Debug)]
@@ -45,28 +47,22 @@ struct State {
     device_ns: i64,
     /// Where the last frame was placed.
     placed_ns: i64,
+    /// How much later than the device's time it arrived, where the envelope does not know it yet.
+    unlearnt: Option<i64>,
 }
 
 impl ClockFit {
     /// For a device whose counter ticks every `increment_ns` (SFNC `TimestampIncrement`).
     pub fn new(increment_ns: f64) -> Self {
-        ClockFit { increment_ns, state: None, envelope: Envelope::default() }
+        ClockFit { increment_ns, state: None, envelope: Envelope::default(), misfit_ns: None }
     }
 
     /// Places the next frame, which the device stamped with `device_ns` and which arrived at `arrival_ns`, CLOCK_MONOTONIC.
     ///
     /// Allocates nothing, in bounded time.
     pub fn place(&mut self, device_ns: u64, arrival_ns: u64) -> Placed {
-        let Some(state) = &mut self.state else {
-            self.state = Some(State {
-                counter: Counter::new(self.increment_ns, device_ns),
-                origin_ns: arrival_ns,
-                device_ns: 0,
-                placed_ns: 0,
-            });
-            self.envelope.add(0, 0);
-            return Placed { arrival_ns, uncertainty_ns: None };
-        };
+        self.learn();
+        let Some(state) = &mut self.state else { return self.begin(device_ns, arrival_ns) };
         let arrival = arrival_ns.wrapping_sub(state.origin_ns) as i64;
         let envelope = &mut self.envelope;
         let on_time =
@@ -78,15 +74,14 @@ impl ClockFit {
             // The drift may be off by as much as the slew.
             *step >= 0 && early <= STEP_NS.saturating_add((*step as f64 * SLEW) as i64)
         });
-        let stays_late = envelope.late_since(PATIENCE_S).is_some_and(|late| late > STEP_NS);
-        if step.is_none() || stays_late {
-            envelope.restart();
-        }
         // A clock that was set says nothing about this frame.
         let device_step = step.unwrap_or(host_step);
         state.device_ns = state.device_ns.saturating_add(device_step);
         let delay = arrival.saturating_sub(state.device_ns);
-        envelope.add(state.device_ns, delay);
+        match step {
+            Some(_) => state.unlearnt = Some(delay),
+            None => restart(envelope, &mut self.misfit_ns, state.device_ns, delay),
+        }
 
         let drifted = (device_step as f64 * envelope.drift()).round() as i64;
         let expected = state.placed_ns.saturating_add(device_step).saturating_add(drifted);
@@ -95,11 +90,33 @@ impl ClockFit {
         let mended = if error.saturating_abs() > STEP_NS { error } else { error.clamp(-slew, slew) };
         state.placed_ns = expected.saturating_add(mended).max(state.placed_ns.saturating_add(1));
         let left = (error - mended).unsigned_abs();
-        let misfit = envelope.misfit_ns().map(|misfit| misfit.unsigned_abs());
         Placed {
             arrival_ns: state.origin_ns.saturating_add_signed(state.placed_ns),
-            uncertainty_ns: misfit.map(|misfit| misfit.saturating_add(left)),
+            uncertainty_ns: self.misfit_ns.map(|misfit| misfit.saturating_add(left)),
         }
+    }
+
+    /// Lets the frame placed last tell about the frames to come. For after it was sent; the next [`ClockFit::place`] does it otherwise.
+    pub fn learn(&mut self) {
+        let Some(state) = &mut self.state else { return };
+        let Some(delay) = state.unlearnt.take() else { return };
+        self.envelope.add(state.device_ns, delay);
+        if self.envelope.late_since(PATIENCE_S).is_some_and(|late| late > STEP_NS) {
+            restart(&mut self.envelope, &mut self.misfit_ns, state.device_ns, delay);
+        }
+        self.misfit_ns = self.envelope.misfit_ns().map(i64::unsigned_abs);
+    }
+
+    fn begin(&mut self, device_ns: u64, arrival_ns: u64) -> Placed {
+        self.state = Some(State {
+            counter: Counter::new(self.increment_ns, device_ns),
+            origin_ns: arrival_ns,
+            device_ns: 0,
+            placed_ns: 0,
+            unlearnt: None,
+        });
+        self.envelope.add(0, 0);
+        Placed { arrival_ns, uncertainty_ns: None }
     }
 
     /// By how much the host's clock gains on the device's: 50e-6 where the device is slow by 50 ppm.
@@ -113,6 +130,14 @@ impl Default for ClockFit {
     fn default() -> Self {
         ClockFit::new(1.0)
     }
+}
+
+/// Begins anew with a frame that the frames before say nothing about.
+#[cold]
+fn restart(envelope: &mut Envelope, misfit_ns: &mut Option<u64>, device_ns: i64, delay_ns: i64) {
+    envelope.restart();
+    envelope.add(device_ns, delay_ns);
+    *misfit_ns = None;
 }
 
 #[cfg(test)]
