@@ -37,7 +37,7 @@ use service_manager::ServiceManager;
 const TICK: Duration = Duration::from_secs(1);
 
 /// How often it looks for questions.
-const GLANCE: Duration = Duration::from_millis(50);
+const GLANCE: Duration = Duration::from_millis(200);
 
 /// A camera's thread from which nothing was heard for this long is stuck: the longest calls of a library give up after five seconds.
 const STUCK_NS: u64 = 10_000_000_000;
