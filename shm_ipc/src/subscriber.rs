@@ -323,11 +323,12 @@ impl Link {
         if slept {
             prediction.overslept(watch.wake_ns, woke_ns);
         }
-        let is_time_left = || monotonic_ns().saturating_sub(woke_ns) < watch.budget_ns;
+        let watched_ns = || monotonic_ns().saturating_sub(woke_ns);
         // The frame itself: it is there before it is announced.
-        while matches!(self.subscriber.has_samples(), Ok(false)) && is_time_left() {
+        while matches!(self.subscriber.has_samples(), Ok(false)) && watched_ns() < watch.budget_ns {
             std::hint::spin_loop();
         }
+        prediction.watched(watched_ns());
     }
 
     /// Sleeps until the driver notifies the event, at most `timeout`. The first call returns at once: a frame may have come before the

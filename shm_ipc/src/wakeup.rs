@@ -10,31 +10,37 @@ pub enum Wakeup {
     /// Sleeps on the camera's wake word. Costs nothing while it sleeps.
     #[default]
     Futex,
-    /// Sleeps until shortly before the next frame is due, then watches for it, for at most 1 % of the frame period; then sleeps as
-    /// [`Wakeup::Futex`]. For cameras with a steady rate, the shortest wake-up of a consumer that leaves its core to others.
+    /// Sleeps until shortly before the next frame is due, then watches for it, for less than 1 % of the frame period on average; then
+    /// sleeps as [`Wakeup::Futex`]. For cameras with a steady rate, the shortest wake-up of a consumer that leaves its core to others.
     Predictive,
     /// Sleeps on the camera's iceoryx2 event, as a `WaitSet` does that the event is attached to. Slower to wake, and slower for the driver.
     Event,
 }
 
-/// Part of the frame period that a predictive wait may watch; the wake-ups themselves take the rest of the 1 % promised.
+/// Part of the frame period that a predictive wait may watch, on average; the wake-ups themselves take the rest of the 1 % promised.
 const SHARE: f64 = 0.0075;
+/// For how many frames it may save what it did not use.
+const SAVED_FRAMES: f64 = 8.0;
 /// Most that it watches at a time, ns: bounds what a slow camera or a header that lies can cost.
 const MOST_WATCHED_NS: f64 = 1_000_000.0;
-/// Weight of the newest frame in the averages: they follow within about eight frames.
+/// Weight of the newest frame in the average of wake-up delays.
 const WEIGHT: f64 = 0.125;
-
+/// How fast the earliest frame is forgotten: part of its distance to each later frame.
+const FORGOTTEN: f64 = 1.0 / 64.0;
 /// Frames in a row that may be far off before they are believed: a new rhythm.
 const ASTRAY: u32 = 2;
 
 /// Tells when the next frame is due, from the ones that came.
+///
+/// Frames have a rhythm and come late by varying amounts, hardly ever early. So the watch begins when the earliest of them would come,
+/// and what early frames save of its time is there for late ones.
 #[derive(Debug, Default)]
 pub(crate) struct Prediction {
     period_ns: f64,
-    /// CLOCK_MONOTONIC at which the last frame would have been sent without jitter.
-    last_ns: f64,
-    /// Mean distance of frames from their prediction.
-    deviation_ns: f64,
+    /// CLOCK_MONOTONIC at which the last frame would have been sent, had it been as early as the earliest.
+    early_ns: f64,
+    /// How long may still be watched.
+    saved_ns: f64,
     /// Mean delay from the end of a sleep to the wake-up.
     oversleep_ns: f64,
     /// Frames in a row that were too far from their prediction to be watched for.
@@ -48,7 +54,7 @@ pub(crate) struct Prediction {
 pub(crate) struct Watch {
     /// When to wake up for it, CLOCK_MONOTONIC in ns.
     pub(crate) wake_ns: u64,
-    /// How long to watch, ns.
+    /// How long to watch at most, ns.
     pub(crate) budget_ns: u64,
 }
 
@@ -57,20 +63,20 @@ impl Prediction {
     pub(crate) fn frame(&mut self, header: &FrameHeader) {
         let (period_ns, sent_ns) = (header.frame_period_ns as f64, header.send_monotonic_ns as f64);
         self.used = false;
-        let periods = ((sent_ns - self.last_ns) / period_ns).round();
-        let due_ns = self.last_ns + periods * period_ns;
-        let error_ns = sent_ns - due_ns;
-        let budget_ns = budget_ns(period_ns);
-        self.astray = if error_ns.abs() > budget_ns { self.astray + 1 } else { 0 };
+        let periods = ((sent_ns - self.early_ns) / period_ns).round();
+        let due_ns = self.early_ns + periods * period_ns;
+        let late_ns = sent_ns - due_ns;
+        let share_ns = share_ns(period_ns);
+        self.saved_ns = (self.saved_ns + share_ns).min(SAVED_FRAMES * share_ns).min(MOST_WATCHED_NS);
+        self.astray = if late_ns.abs() > 2.0 * share_ns { self.astray + 1 } else { 0 };
         if period_ns != self.period_ns || self.astray > ASTRAY {
-            self.period_ns = period_ns;
-            (self.last_ns, self.astray) = (sent_ns, 0);
-            return;
+            (self.period_ns, self.early_ns, self.astray) = (period_ns, sent_ns, 0);
+        } else if late_ns < 0.0 {
+            self.early_ns = due_ns + late_ns.max(-share_ns);
+        } else {
+            // A very late frame is worth no more than one at the edge of what can be watched.
+            self.early_ns = due_ns + late_ns.min(share_ns) * FORGOTTEN;
         }
-        // A late frame is worth no more than one at the edge of what can be watched.
-        let error_ns = error_ns.clamp(-budget_ns, budget_ns);
-        self.last_ns = due_ns + error_ns * WEIGHT;
-        self.deviation_ns += (error_ns.abs() - self.deviation_ns) * WEIGHT;
     }
 
     /// When to watch for the next frame; `None` where it cannot be told, or was said already.
@@ -78,25 +84,26 @@ impl Prediction {
         if self.period_ns <= 0.0 || std::mem::replace(&mut self.used, true) {
             return None;
         }
-        let budget_ns = budget_ns(self.period_ns);
-        let due_ns = self.last_ns + self.period_ns;
-        let early_ns = (2.0 * self.deviation_ns).clamp(budget_ns * 0.1, budget_ns * 0.6);
+        let due_ns = self.early_ns + self.period_ns;
         // Saturates where a header lies.
-        let watch =
-            Watch { wake_ns: (due_ns - early_ns - self.oversleep_ns) as u64, budget_ns: budget_ns as u64 };
-        ((due_ns + budget_ns) as u64 > now_ns).then_some(watch)
+        let watch = Watch { wake_ns: (due_ns - self.oversleep_ns) as u64, budget_ns: self.saved_ns as u64 };
+        ((due_ns + self.saved_ns) as u64 > now_ns).then_some(watch)
     }
 
     /// Takes into account that a sleep until `asked_ns` ended at `woke_ns`.
     pub(crate) fn overslept(&mut self, asked_ns: u64, woke_ns: u64) {
         let late_ns = woke_ns.saturating_sub(asked_ns) as f64;
-        let most_ns = budget_ns(self.period_ns);
-        self.oversleep_ns += (late_ns.min(most_ns) - self.oversleep_ns) * WEIGHT;
+        self.oversleep_ns += (late_ns.min(share_ns(self.period_ns)) - self.oversleep_ns) * WEIGHT;
+    }
+
+    /// Takes into account how long was watched.
+    pub(crate) fn watched(&mut self, watched_ns: u64) {
+        self.saved_ns = (self.saved_ns - watched_ns as f64).max(0.0);
     }
 }
 
-/// How long a frame may be watched for.
-fn budget_ns(period_ns: f64) -> f64 {
+/// How long a frame may be watched for on average.
+fn share_ns(period_ns: f64) -> f64 {
     (period_ns * SHARE).min(MOST_WATCHED_NS)
 }
 
@@ -131,8 +138,32 @@ mod tests {
         let mut prediction = after(100, |frame| frame * PERIOD_NS);
         let watch = prediction.next(START_NS).unwrap();
         assert!(contains(watch, 100 * PERIOD_NS));
-        assert!(watch.budget_ns < PERIOD_NS / 100);
         assert_eq!(prediction.next(START_NS), None, "once a frame");
+    }
+
+    #[test]
+    fn frames_that_come_late_now_and_then_are_watched_for_all_the_longer() {
+        let late = |frame: u64| frame * PERIOD_NS + if frame.is_multiple_of(8) { 600_000 } else { 0 };
+        let watch = after(103, late).next(START_NS).unwrap();
+        assert!(contains(watch, late(103)), "{watch:?}");
+        let watch = after(104, late).next(START_NS).unwrap();
+        assert!(contains(watch, late(104)), "{watch:?}");
+    }
+
+    #[test]
+    fn on_average_no_more_is_watched_than_its_share() {
+        let mut prediction = Prediction::default();
+        let mut watched_ns = 0;
+        for frame in 0..1000 {
+            prediction.frame(&header(PERIOD_NS, START_NS + frame * PERIOD_NS));
+            // None of them is found.
+            if let Some(watch) = prediction.next(START_NS + frame * PERIOD_NS) {
+                prediction.watched(watch.budget_ns);
+                watched_ns += watch.budget_ns;
+            }
+        }
+        let share = watched_ns as f64 / (1000 * PERIOD_NS) as f64;
+        assert!((0.9 * SHARE..=SHARE).contains(&share), "{share}");
     }
 
     #[test]
