@@ -12,6 +12,7 @@ use clap::Parser;
 
 mod chain;
 mod measure;
+mod placement;
 mod report;
 mod requirements;
 mod results;
@@ -19,6 +20,7 @@ mod scene;
 mod toolbox;
 
 use chain::Chain;
+use placement::Placement;
 use results::Results;
 use scene::Scene;
 use toolbox::Toolbox;
@@ -48,6 +50,9 @@ struct Options {
     /// Run all chains at real-time priority, above what else the machine does; the kernel stops who spins for 50 ms of each second
     #[arg(long)]
     realtime: bool,
+    /// Give producer and consumer a half of the cores each; left alone, a scheduler tends to put both on one
+    #[arg(long)]
+    apart: bool,
     /// Where the results go
     #[arg(long, value_name = "FILE", default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../bench/results.json"))]
     out: PathBuf,
@@ -58,8 +63,9 @@ struct Options {
 
 fn main() {
     let options = Options::parse();
-    let mut results = Results::new(options.rounds, options.seconds, options.realtime);
+    let mut results = Results::new(options.rounds, options.seconds, options.realtime, options.apart);
     let toolbox = Toolbox::new();
+    let placement = if options.apart { Placement::apart() } else { Placement::default() };
     let mut chains = if options.only.is_empty() { Chain::all() } else { options.only.clone() };
     chains.retain(|chain| match toolbox.lacks(*chain) {
         None => true,
@@ -79,7 +85,7 @@ fn main() {
             let first = round as usize % chains.len().max(1);
             for chain in chains.iter().cycle().skip(first).take(chains.len()) {
                 let name = chain.name();
-                match measure::run(*chain, scene, &toolbox, options.seconds) {
+                match measure::run(*chain, scene, &toolbox, &placement, options.seconds) {
                     Ok(sample) => {
                         eprintln!("round {}, {scene}, {name:<21} {sample}", round + 1);
                         results.add(*chain, scene, sample);

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use uvcam_tests::binary;
 
 use crate::chain::Chain;
+use crate::placement::Placement;
 use crate::scene::Scene;
 use crate::toolbox::Toolbox;
 
@@ -87,10 +88,16 @@ impl fmt::Display for Sample {
 }
 
 /// Starts a chain, lets it warm up, measures it, and ends it. Where that fails, says why.
-pub fn run(chain: Chain, scene: &Scene, toolbox: &Toolbox, seconds: f64) -> Result<Sample, String> {
+pub fn run(
+    chain: Chain,
+    scene: &Scene,
+    toolbox: &Toolbox,
+    placement: &Placement,
+    seconds: f64,
+) -> Result<Sample, String> {
     let start = |program| Running::start(toolbox.command(chain, &program, scene, seconds));
-    let producer = chain.producer().map(start);
-    let mut consumer = start(chain.consumer());
+    let producer = chain.producer().map(|program| placement.of_producer(|| start(program)));
+    let mut consumer = placement.of_consumer(|| start(chain.consumer()));
     let lines = consumer.lines();
     let line = || {
         let line = lines.recv_timeout(PATIENCE + Duration::from_secs_f64(seconds));

@@ -15,6 +15,7 @@ pub struct Results {
     rounds: u32,
     seconds: f64,
     realtime: bool,
+    apart: bool,
     /// Chains that this machine cannot run, and why.
     pub skipped: Vec<String>,
     /// Runs that gave no figures, and why.
@@ -49,7 +50,7 @@ pub struct Measured {
 
 impl Results {
     /// Nothing yet.
-    pub fn new(rounds: u32, seconds: f64, realtime: bool) -> Results {
+    pub fn new(rounds: u32, seconds: f64, realtime: bool, apart: bool) -> Results {
         let cpuinfo = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
         let model = cpuinfo.lines().find(|line| line.starts_with("model name"));
         let machine =
@@ -61,6 +62,7 @@ impl Results {
             rounds,
             seconds,
             realtime,
+            apart,
             skipped: vec![],
             failed: vec![],
             requirements: vec![],
