@@ -22,8 +22,8 @@ pub struct Report {
     pub table: Vec<String>,
 }
 
-/// Boots `kernel` with the file system `image`, and runs the tests whose names contain one of `tests`, or all.
-pub fn run(kernel: &Path, image: &Path, tests: &[String]) -> Report {
+/// Boots `kernel` with the file system `image`, and runs the tests that `tests` chooses, as arguments of a test program do.
+pub fn run(kernel: &Path, image: &Path, tests: &str) -> Report {
     let start = Instant::now();
     let mut machine = Command::new(EMULATOR)
         // Software emulation: the same machine on every host, and none of the host's devices.
@@ -36,10 +36,7 @@ pub fn run(kernel: &Path, image: &Path, tests: &[String]) -> Report {
         .arg("-initrd")
         .arg(image)
         .arg("-append")
-        .arg(format!(
-            "console=ttyS0 loglevel=3 mitigations=off panic=-1 nokaslr lab.tests=\"{}\"",
-            tests.join(" ")
-        ))
+        .arg(format!("console=ttyS0 loglevel=3 mitigations=off panic=-1 nokaslr lab.tests=\"{tests}\""))
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .spawn()

@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::thread;
 
 mod guest_image;
 mod kernel;
@@ -16,6 +17,9 @@ const MODULES: [(&str, &str); 3] = [
     ("vhci-hcd", ""),
 ];
 
+/// Machines that run beside each other, and the tests of each: about as long as one another.
+const MACHINES: [&str; 2] = ["replug", "--skip replug"];
+
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
     let Some(folder) = arguments.next().map(PathBuf::from) else {
@@ -27,12 +31,21 @@ fn main() -> ExitCode {
     let tests: Vec<String> = arguments.collect();
     let kernel = kernel::Kernel::find(&folder.join("kernel"));
     let image = guest_image::build(&folder.join("guest"), &kernel);
-    let report = machine::run(&kernel.image, &image, &tests);
-    if !report.table.is_empty() {
-        println!("\n{}", report.table.join("\n"));
+    let machines = if tests.is_empty() { MACHINES.map(String::from).to_vec() } else { vec![tests.join(" ")] };
+    let report = |tests: &String| machine::run(&kernel.image, &image, tests);
+    let reports: Vec<_> = thread::scope(|scope| {
+        let running: Vec<_> = machines.iter().map(|tests| scope.spawn(|| report(tests))).collect();
+        running.into_iter().map(|machine| machine.join().unwrap()).collect()
+    });
+    let table: Vec<_> = reports.iter().flat_map(|report| report.table.iter().map(String::as_str)).collect();
+    if !table.is_empty() {
+        println!("\n{}", table.join("\n"));
     }
-    println!("\nlab: {}", report.verdict);
-    match report.passed {
+    println!();
+    for (tests, report) in machines.iter().zip(&reports) {
+        println!("lab, {}: {}", tests, report.verdict);
+    }
+    match reports.iter().all(|report| report.passed) {
         true => ExitCode::SUCCESS,
         false => ExitCode::FAILURE,
     }

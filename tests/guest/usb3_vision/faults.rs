@@ -79,9 +79,13 @@ impl Bench {
         self.device = None;
         let device = self.device.insert(plug(SERIAL, fault));
         let well = Instant::now();
-        // A camera that refuses a setting is well when it has done so.
+        // A camera that does not take a setting is well when it has done so.
         wait_until("the fault has happened", || device.device().has_failed());
-        if matches!(fault, Some(Fault::RefusedWrite(_))) { Instant::now() } else { well }
+        if matches!(fault, Some(Fault::RefusedWrite(_) | Fault::IgnoredWrite(_))) {
+            Instant::now()
+        } else {
+            well
+        }
     }
 }
 
@@ -129,6 +133,7 @@ fn every_fault_is_survived() {
     for (name, fault) in [
         ("unplugged, plugged in again", None),
         ("the same, and a setting is refused", Some(Fault::RefusedWrite("ExposureTime"))),
+        ("the same, and a setting is confirmed but not taken", Some(Fault::IgnoredWrite("ExposureTime"))),
         ("the same, with ids of 16 bits that wrap", Some(Fault::SixteenBitIds)),
     ] {
         let seen = bench.watch(|bench| bench.replug(fault));
@@ -152,4 +157,5 @@ fn every_fault_is_survived() {
     });
     print("another camera in its place, then itself", &seen);
     assert_eq!((seen.lost, seen.new_epochs), (0, 1));
+    assert!(seen.recovery < RECOVERY, "another camera in its place");
 }
