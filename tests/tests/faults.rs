@@ -63,7 +63,11 @@ fn incomplete_frames_are_not_published_and_counted() {
 fn a_camera_that_falls_silent_is_opened_again() {
     let seen = with_faults("{ kind = \"freeze\", at_frame = 20, seconds = 1.5 }", 60);
     assert_eq!(seen.epochs, 2);
-    assert!(seen.said.contains("left: camera left failed while streaming: no frame for"), "{}", seen.said);
+    assert!(
+        seen.said.contains("left: camera left failed while streaming: no whole frame for"),
+        "{}",
+        seen.said
+    );
 }
 
 #[test]

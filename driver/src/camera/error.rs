@@ -38,7 +38,7 @@ pub enum CameraError {
         doing: &'static str,
     },
     /// The device is there and sends nothing.
-    #[error("camera {serial} failed while streaming: no frame for {seconds:.1} s")]
+    #[error("camera {serial} failed while streaming: no whole frame for {seconds:.1} s")]
     Silent {
         /// Its serial.
         serial: String,

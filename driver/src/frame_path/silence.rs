@@ -15,16 +15,21 @@ pub(super) struct Silence {
     since_ns: u64,
     usual_patience_ns: u64,
     patience_ns: u64,
+    /// Without any frame for this long, a camera is silent: what came before it was cut off, not damaged on the way.
+    pause_ns: u64,
     incomplete: u64,
+    incomplete_ns: u64,
 }
 
 impl Silence {
     /// Begins with the stream. Its first frame may take `first_frame_patience`, where that is longer than the usual patience.
     pub(super) fn new(frame_period_ns: u64, first_frame_patience: Duration) -> Self {
-        let usual_patience_ns = SILENCE_NS.max(frame_period_ns.saturating_mul(10));
+        let pause_ns = frame_period_ns.saturating_mul(10);
+        let usual_patience_ns = SILENCE_NS.max(pause_ns);
         let first_ns = u64::try_from(first_frame_patience.as_nanos()).unwrap_or(u64::MAX);
         let patience_ns = usual_patience_ns.max(first_ns);
-        Silence { since_ns: monotonic_ns(), usual_patience_ns, patience_ns, incomplete: 0 }
+        let since_ns = monotonic_ns();
+        Silence { since_ns, usual_patience_ns, patience_ns, pause_ns, incomplete: 0, incomplete_ns: since_ns }
     }
 
     /// A whole frame came, at `now_ns` of CLOCK_MONOTONIC.
@@ -38,15 +43,19 @@ impl Silence {
     }
 
     fn lasts_at(&mut self, now_ns: u64, serial: &str, incomplete: u64) -> Result<(), CameraError> {
-        self.incomplete += incomplete;
+        if incomplete > 0 {
+            self.incomplete += incomplete;
+            self.incomplete_ns = now_ns;
+        }
         let silent_ns = now_ns.saturating_sub(self.since_ns);
         if silent_ns <= self.patience_ns {
             return Ok(());
         }
         let (serial, seconds) = (serial.to_owned(), silent_ns as f64 * 1e-9);
+        let paused = now_ns.saturating_sub(self.incomplete_ns) > self.pause_ns;
         Err(match self.incomplete {
-            0 => CameraError::Silent { serial, seconds },
-            frames => CameraError::Incomplete { serial, frames, seconds },
+            frames if frames > 0 && !paused => CameraError::Incomplete { serial, frames, seconds },
+            _ => CameraError::Silent { serial, seconds },
         })
     }
 }
@@ -87,5 +96,14 @@ mod tests {
         }
         let failed = silence.lasts_at(begin_ns + SILENCE_NS + 1, "left", 1);
         assert!(matches!(failed, Err(CameraError::Incomplete { frames: 61, .. })), "{failed:?}");
+    }
+
+    #[test]
+    fn a_camera_that_dies_within_a_frame_is_silent() {
+        let mut silence = Silence::new(PERIOD_NS, Duration::ZERO);
+        let begin_ns = silence.since_ns;
+        assert!(silence.lasts_at(begin_ns + PERIOD_NS, "left", 1).is_ok());
+        let failed = silence.lasts_at(begin_ns + SILENCE_NS + 1, "left", 0);
+        assert!(matches!(failed, Err(CameraError::Silent { .. })), "{failed:?}");
     }
 }
