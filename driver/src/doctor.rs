@@ -19,6 +19,7 @@ mod network;
 mod process;
 mod processor;
 mod usb;
+mod video;
 
 use machine::Machine;
 use process::Process;
@@ -99,15 +100,18 @@ impl fmt::Display for Severity {
 pub fn examine(root: &Path, config: &Config) -> Vec<Finding> {
     let machine = Machine::new(root);
     let cameras = usb::cameras(&machine);
+    let video_cameras = video::cameras(&machine, config);
+    let nodes = [access::usb_nodes(&machine, &cameras), video::nodes(&video_cameras)].concat();
     let process = Process::of_the_driver(&machine);
     let mut findings = [
         usb::connected(config, &cameras),
+        video::connected(&video_cameras),
         usb::link(&cameras),
         usb::bandwidth(&machine, config, &cameras),
         usb::memory(&machine, config, &cameras),
-        access::nodes(&machine, &process, &cameras),
+        access::nodes(&machine, &process, &nodes),
         access::rule(&machine, &cameras),
-        access::holders(&machine, &cameras),
+        access::holders(&machine, &nodes),
         network::socket_buffer(&machine, config),
         process.limits(&machine, config),
         memory::shared(&machine, config),

@@ -14,7 +14,10 @@ const USER: u32 = 4242;
 /// Places on USB of a Basler, an mvBlueFOX3 and an mvBlueFOX.
 const PLACES: [&str; 3] = ["4-1", "4-2", "3-1"];
 
-/// A machine with three cameras on USB, one on the network and a simulated one, on which nothing is wrong.
+/// Where the kernel's camera is.
+const VIDEO_NODE: &str = "dev/video2";
+
+/// A machine with three cameras on USB, one of the kernel, one on the network and a simulated one, on which nothing is wrong.
 struct Machine {
     stage: Stage,
     cameras: String,
@@ -33,6 +36,8 @@ impl Machine {
             + &camera("back", "1003")
             + "[camera.realtime]\npriority = 40\n"
             + &camera("network", "192.168.0.7")
+            + "[[camera]]\nname = \"below\"\nsource = { kind = \"v4l2\", path = \"/dev/v4l/by-id/usb-below\" }\n\
+               width = 640\nheight = 480\nfps = 30\nexposure_us = 1000\nmask = \"none\"\n"
             + &simulated("drawn", "none", "");
         let machine = Machine { stage: Stage::new(""), cameras };
         for name in ["left", "right", "back", "network"] {
@@ -63,6 +68,10 @@ impl Machine {
             machine.write(&node, "");
             machine.set_mode(&node, 0o660);
         }
+        machine.write(VIDEO_NODE, "");
+        machine.set_mode(VIDEO_NODE, 0o660);
+        fs::create_dir_all(machine.path("dev/v4l/by-id")).unwrap();
+        symlink("../../video2", machine.path("dev/v4l/by-id/usb-below")).unwrap();
         // Something on USB that is no camera.
         machine.write("sys/bus/usb/devices/3-2/idVendor", "046d");
         machine.write("sys/bus/usb/devices/3-2/speed", "12");
@@ -207,13 +216,13 @@ fn a_device_node_may_be_opened_by_whom_its_access_list_names() {
     }
     setxattr(machine.path(node), "system.posix_acl_access", &list, XattrFlags::empty()).unwrap();
     machine.write("proc/self/status", &status(USER, "7"));
-    for other in ["dev/bus/usb/004/002", "dev/bus/usb/003/004"] {
+    for other in ["dev/bus/usb/004/002", "dev/bus/usb/003/004", VIDEO_NODE] {
         machine.set_mode(other, 0o600);
     }
     let (_, findings) = machine.examine();
     let places: Vec<bool> =
         findings.iter().map(|finding| finding["finding"].as_str().unwrap().contains("4-2")).collect();
-    assert_eq!(places, [false, false], "{findings:#?}");
+    assert_eq!(places, [false, false, false], "{findings:#?}");
 }
 
 #[test]
@@ -239,6 +248,41 @@ fn finds_that_no_udev_rule_is_installed() {
 fn finds_another_program_that_holds_a_camera() {
     finds("device_holder", "fault", "kill 700", |machine| {
         symlink("/dev/bus/usb/004/002", machine.path("proc/700/fd/5")).unwrap();
+    });
+}
+
+#[test]
+fn finds_a_video_node_that_the_user_may_not_open() {
+    finds("device_access", "fault", "sudo u", |machine| machine.set_mode(VIDEO_NODE, 0o600));
+}
+
+#[test]
+fn finds_another_program_that_holds_a_video_node() {
+    finds("device_holder", "warning", "kill 700", |machine| {
+        symlink("/dev/video2", machine.path("proc/700/fd/5")).unwrap();
+    });
+}
+
+#[test]
+fn finds_that_a_video_node_is_not_there() {
+    finds("connected", "fault", "uvcam list", |machine| {
+        fs::remove_file(machine.path(VIDEO_NODE)).unwrap();
+    });
+}
+
+#[test]
+fn a_video_node_is_found_by_the_serial_of_its_usb_device() {
+    finds("device_access", "fault", "sudo u", |machine| {
+        machine.configure("path = \"/dev/v4l/by-id/usb-below\"", "serial = \"1004\"");
+        machine.write("sys/devices/usb3/3-3/serial", "1004");
+        fs::create_dir_all(machine.path("sys/devices/usb3/3-3/3-3:1.0")).unwrap();
+        // The first of two nodes carries frames, the other data about them.
+        for (node, index) in [("video3", "1"), ("video2", "0")] {
+            machine.write(&format!("sys/class/video4linux/{node}/index"), index);
+            let device = format!("sys/class/video4linux/{node}/device");
+            symlink("../../../devices/usb3/3-3/3-3:1.0", machine.path(&device)).unwrap();
+        }
+        machine.set_mode(VIDEO_NODE, 0o600);
     });
 }
 
@@ -331,7 +375,7 @@ fn a_running_driver_is_examined_in_place_of_the_user() {
     let (code, findings) = machine.examine();
     let checks: Vec<&str> = findings.iter().map(|finding| finding["check"].as_str().unwrap()).collect();
     assert_eq!(code, Some(6));
-    assert_eq!(checks, ["device_access"; 3].into_iter().chain(["real_time_priority"]).collect::<Vec<_>>());
+    assert_eq!(checks, ["device_access"; 4].into_iter().chain(["real_time_priority"]).collect::<Vec<_>>());
     assert!(findings[0]["finding"].as_str().unwrap().contains("process 800"), "{findings:#?}");
 }
 

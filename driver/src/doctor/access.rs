@@ -18,16 +18,37 @@ const RULES: [&str; 5] = [
     "/usr/lib/udev/rules.d",
     "/lib/udev/rules.d",
 ];
-/// What makes udev apply new rules.
-const RELOAD: &str = "sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=usb";
 /// What a rule for every USB3 Vision device matches: its interface's class and subclass.
 const USB3_VISION_MATCH: &str = "ef05";
 
-/// Whether the driver may open each camera's node, and not everyone may.
-pub(super) fn nodes(machine: &Machine, process: &Process, connected: &[UsbCamera]) -> Vec<Finding> {
-    let finding = |camera: &UsbCamera| {
-        let node = camera.node();
-        let path = machine.path(&node);
+/// A device node that the driver opens.
+#[derive(Clone)]
+pub(super) struct Node {
+    /// What messages call its camera.
+    pub(super) camera: String,
+    /// Its absolute path, without links.
+    pub(super) path: String,
+    /// The subsystem of the kernel that it belongs to.
+    pub(super) subsystem: &'static str,
+    /// Whether an installed udev rule gives it to a group.
+    pub(super) has_rule: bool,
+}
+
+/// The nodes of cameras on USB.
+pub(super) fn usb_nodes(machine: &Machine, connected: &[UsbCamera]) -> Vec<Node> {
+    let node = |camera: &UsbCamera| Node {
+        camera: camera.describe(),
+        path: camera.node(),
+        subsystem: "usb",
+        has_rule: has_rule(machine, camera),
+    };
+    connected.iter().map(node).collect()
+}
+
+/// Whether the driver may open each node, and not everyone may.
+pub(super) fn nodes(machine: &Machine, process: &Process, nodes: &[Node]) -> Vec<Finding> {
+    let finding = |Node { camera, path: node, subsystem, has_rule }: &Node| {
+        let path = machine.path(node);
         let metadata = fs::metadata(&path).ok()?;
         let mode = metadata.mode() & 0o777;
         let group = machine.name_of("/etc/group", metadata.gid());
@@ -35,18 +56,18 @@ pub(super) fn nodes(machine: &Machine, process: &Process, connected: &[UsbCamera
             return Some(Finding::new(
                 Severity::Warning,
                 Check::DeviceAccess,
-                format!("{}: everyone may write to {node} (mode {mode:o})", camera.describe()),
-                format!("grep -rn 0666 {}; remove that rule, then {RELOAD}", RULES.join(" ")),
+                format!("{camera}: everyone may write to {node} (mode {mode:o})"),
+                format!("grep -rn 0666 {}; remove that rule, then {}", RULES.join(" "), reload(subsystem)),
             ));
         }
         if may_use(process, &metadata, &path) {
             return None;
         }
         let user = machine.name_of("/etc/passwd", process.uid);
-        let remedy = if !has_rule(machine, camera) {
+        let remedy = if !has_rule {
             install_rule()
         } else if metadata.gid() == 0 {
-            RELOAD.to_owned()
+            reload(subsystem)
         } else {
             format!("sudo usermod --append --groups {group} {user}, and log in again or restart the driver")
         };
@@ -54,14 +75,13 @@ pub(super) fn nodes(machine: &Machine, process: &Process, connected: &[UsbCamera
             Severity::Fault,
             Check::DeviceAccess,
             format!(
-                "{}: {} may not open {node} (mode {mode:o}, group {group})",
-                camera.describe(),
+                "{camera}: {} may not open {node} (mode {mode:o}, group {group})",
                 process.describe(machine)
             ),
             remedy,
         ))
     };
-    connected.iter().filter_map(finding).collect()
+    nodes.iter().filter_map(finding).collect()
 }
 
 /// Whether modes and access list let the process read and write.
@@ -126,15 +146,20 @@ fn has_rule(machine: &Machine, camera: &UsbCamera) -> bool {
 }
 
 fn install_rule() -> String {
-    format!("sudo cp udev/70-uvcam.rules /etc/udev/rules.d/ && {RELOAD}")
+    format!("sudo cp udev/70-uvcam.rules /etc/udev/rules.d/ && {}", reload("usb"))
 }
 
-/// Whether another program than the driver holds a camera's node open.
-pub(super) fn holders(machine: &Machine, connected: &[UsbCamera]) -> Vec<Finding> {
+/// What makes udev apply new rules.
+fn reload(subsystem: &str) -> String {
+    format!("sudo udevadm control --reload && sudo udevadm trigger --subsystem-match={subsystem}")
+}
+
+/// Whether another program than the driver holds a node open.
+pub(super) fn holders(machine: &Machine, nodes: &[Node]) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut hidden = 0;
     let processes = machine.names("/proc").into_iter().filter(|name| name.parse::<u32>().is_ok());
-    for process in processes.filter(|_| !connected.is_empty()) {
+    for process in processes.filter(|_| !nodes.is_empty()) {
         let program = machine.text(&format!("/proc/{process}/comm")).unwrap_or_default();
         if program == "uvcam" {
             continue;
@@ -148,13 +173,13 @@ pub(super) fn holders(machine: &Machine, connected: &[UsbCamera]) -> Vec<Finding
             }
         };
         let open: Vec<_> = files.flatten().filter_map(|file| fs::read_link(file.path()).ok()).collect();
-        let held =
-            connected.iter().filter(|camera| open.iter().any(|file| *file == Path::new(&camera.node())));
-        findings.extend(held.map(|camera| {
+        let held = nodes.iter().filter(|node| open.iter().any(|file| *file == Path::new(&node.path)));
+        findings.extend(held.map(|Node { camera, subsystem, .. }| {
             Finding::new(
-                Severity::Fault,
+                // Several may open a video node, but one alone may take its frames.
+                if *subsystem == "usb" { Severity::Fault } else { Severity::Warning },
                 Check::DeviceHolder,
-                format!("{}: {program} (process {process}) holds it open", camera.describe()),
+                format!("{camera}: {program} (process {process}) holds it open"),
                 format!("sudo kill {process}"),
             )
         }));

@@ -19,6 +19,13 @@ impl Machine {
         self.root.join(absolute.trim_start_matches('/'))
     }
 
+    /// The absolute path of what this one leads to, links followed; nothing where there is nothing.
+    pub(super) fn behind(&self, absolute: &Path) -> Option<String> {
+        let root = fs::canonicalize(&self.root).ok()?;
+        let path = fs::canonicalize(self.path(&absolute.to_string_lossy())).ok()?;
+        Some(format!("/{}", path.strip_prefix(root).ok()?.display()))
+    }
+
     /// A file's text without white space around it; nothing where it cannot be read.
     pub(super) fn text(&self, absolute: &str) -> Option<String> {
         Some(String::from_utf8_lossy(&fs::read(self.path(absolute)).ok()?).trim().to_owned())

@@ -1,0 +1,75 @@
+//! Cameras of the kernel: the nodes that the configuration names.
+
+use std::fs;
+
+use super::access::Node;
+use super::machine::Machine;
+use super::{Check, Finding, Severity};
+use crate::config::{Config, Source, V4l2Device};
+
+const NODES: &str = "/sys/class/video4linux";
+
+/// A configured camera of the kernel.
+pub(super) struct VideoCamera<'a> {
+    /// Its name in the configuration.
+    name: &'a str,
+    device: &'a V4l2Device,
+    /// The path of its node, links followed; nothing where it is not connected.
+    node: Option<String>,
+}
+
+/// The configured cameras of the kernel.
+pub(super) fn cameras<'a>(machine: &Machine, config: &'a Config) -> Vec<VideoCamera<'a>> {
+    let cameras = config.cameras.iter().filter_map(|camera| match &camera.source {
+        Source::V4l2(source) => {
+            let node = match &source.device {
+                V4l2Device::Path(path) => machine.behind(path),
+                V4l2Device::Serial(serial) => with_serial(machine, serial),
+            };
+            Some(VideoCamera { name: &camera.name, device: &source.device, node })
+        }
+        _ => None,
+    });
+    cameras.collect()
+}
+
+/// The first node of the USB device with this serial: the frames' one. Others carry data about them.
+fn with_serial(machine: &Machine, serial: &str) -> Option<String> {
+    let is_of_device = |name: &String| {
+        let interface = fs::canonicalize(machine.path(&format!("{NODES}/{name}/device"))).ok();
+        let file = interface.and_then(|interface| Some(interface.parent()?.join("serial")));
+        file.and_then(|file| fs::read_to_string(file).ok()).is_some_and(|text| text.trim() == serial)
+    };
+    let is_first = |name: &String| machine.value(&format!("{NODES}/{name}/index")) == Some(0_u32);
+    let name = machine.names(NODES).into_iter().find(|name| is_of_device(name) && is_first(name))?;
+    Some(format!("/dev/{name}"))
+}
+
+/// The nodes of those that are connected.
+pub(super) fn nodes(cameras: &[VideoCamera]) -> Vec<Node> {
+    let nodes = cameras.iter().filter_map(|camera| {
+        let path = camera.node.clone()?;
+        let described = format!("camera {}", camera.name);
+        // The system's own rules give every video node to the group video.
+        Some(Node { camera: described, path, subsystem: "video4linux", has_rule: true })
+    });
+    nodes.collect()
+}
+
+/// Whether each is connected. One that is not found by its serial may be named by its place instead, which sysfs does not say.
+pub(super) fn connected(cameras: &[VideoCamera]) -> Vec<Finding> {
+    let absent = cameras.iter().filter(|camera| camera.node.is_none());
+    let finding = |VideoCamera { name, device, .. }: &VideoCamera| {
+        let (severity, what) = match device {
+            V4l2Device::Path(path) => (Severity::Fault, format!("{name}: there is no {}", path.display())),
+            V4l2Device::Serial(serial) => {
+                let what = format!("{name}: no video device on USB has the serial {serial}");
+                (Severity::Unknown, what + ", so its access was not examined")
+            }
+        };
+        let remedy =
+            "uvcam list shows every camera that answers, with its serial and node; check cable and power";
+        Finding::new(severity, Check::Connected, what, remedy)
+    };
+    absent.map(finding).collect()
+}
