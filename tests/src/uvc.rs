@@ -73,8 +73,6 @@ pub enum Fault {
     ErrorBit,
     /// No picture until the stream is started anew.
     Freeze,
-    /// The next write of the exposure time is confirmed, and does nothing.
-    IgnoredExposure,
 }
 
 /// The camera.
@@ -168,12 +166,7 @@ impl Camera {
                 if !fits {
                     return Err(Stall);
                 }
-                if selector != EXPOSURE_TIME.selector
-                    || unit != EXPOSURE_TIME.unit
-                    || !self.take(Fault::IgnoredExposure)
-                {
-                    self.values[place] = value;
-                }
+                self.values[place] = value;
                 Ok(Vec::new())
             }
             GET_CUR => number(self.values[place]),
