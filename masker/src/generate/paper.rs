@@ -3,7 +3,7 @@
 use super::growth::grow;
 use super::neighbours::visit_neighbourhoods;
 use super::polygon::PolygonFiller;
-use super::{GenerateError, LIT, Parameters};
+use super::{GenerateError, LIT, Parameters, lit_pixels};
 use crate::image::GrayImage;
 
 /// Those of `pixels`, in row order, that may show the airframe: [`LIT`] where brighter than sigma and considered (equations 2 to 5).
@@ -17,27 +17,14 @@ pub(super) fn candidates(pixels: &[u8], considered: &GrayImage, sigma: u8) -> Gr
 
 /// Connects the candidates with their neighbours and grows the result (equations 7 to 10).
 pub(super) fn connect(candidates: &GrayImage, parameters: &Parameters) -> Result<GrayImage, GenerateError> {
-    let mut points = Vec::new();
-    let mut queried = Vec::new();
     let half_side = half_side_of_neighbours(parameters.k);
-    for (y, row) in (0..).zip(candidates.as_raw().chunks_exact(candidates.width().max(1) as usize)) {
-        // Most rows are dark, and found to be so faster as a whole.
-        if !row.contains(&LIT) {
-            continue;
-        }
-        for (x, value) in (0..).zip(row) {
-            if *value == LIT {
-                points.push((x, y));
-                if !is_surrounded(candidates, x, y, half_side) {
-                    queried.push((x, y));
-                }
-            }
-        }
-    }
+    let queried: Vec<(u32, u32)> =
+        lit_pixels(candidates).filter(|(x, y)| !is_surrounded(candidates, *x, *y, half_side)).collect();
     let start = || (GrayImage::new(candidates.width(), candidates.height()), PolygonFiller::default());
-    let drawn = visit_neighbourhoods(&points, &queried, parameters, start, |(drawn, filler), neighbours| {
-        filler.fill(drawn, neighbours);
-    })?;
+    let drawn =
+        visit_neighbourhoods(candidates, &queried, parameters, start, |(drawn, filler), neighbours| {
+            filler.fill(drawn, neighbours);
+        })?;
     let mut shape = candidates.clone();
     for (drawn, _) in drawn {
         shape.iter_mut().zip(drawn.as_raw()).for_each(|(pixel, drawn)| *pixel |= drawn);
