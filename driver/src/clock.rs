@@ -60,6 +60,7 @@ impl FrameClock {
     /// Arrival, freed from what varies, is the end of the exposure plus the time that readout and transfer always take. Of these the
     /// host knows only that they fit into one frame period, which is therefore part of the uncertainty; it is the same for all frames
     /// of an epoch, so that intervals are far better than single stamps.
+    #[inline]
     pub fn stamp(&mut self, header: &mut FrameHeader, device_timestamp_ns: Option<u64>) {
         let half_exposure_ns = (header.exposure_us * 500.0) as u64;
         let arrival_ns = header.arrival_monotonic_ns;

@@ -30,6 +30,7 @@ impl Mask {
     ///
     /// # Errors
     /// [`ApplyError`] where the sizes differ; the image is then untouched.
+    #[inline]
     pub fn apply(&self, image: &mut ImageViewMut<'_>) -> Result<(), ApplyError> {
         self.refuse_other_size(image.width(), image.height())?;
         let (stride, bytes_per_pixel) = (image.stride(), image.bytes_per_pixel());

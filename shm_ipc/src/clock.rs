@@ -3,11 +3,13 @@
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
 /// CLOCK_MONOTONIC, in ns: never steps, shared by all processes of one host.
+#[inline]
 pub fn monotonic_ns() -> u64 {
     nanoseconds(clock_gettime(ClockId::Monotonic))
 }
 
 /// CLOCK_REALTIME, in ns since 1970-01-01 UTC: comparable between hosts as far as they are synchronised; may step.
+#[inline]
 pub fn realtime_ns() -> u64 {
     nanoseconds(clock_gettime(ClockId::Realtime))
 }

@@ -25,13 +25,20 @@ impl Counter {
 
     /// Nanoseconds that the device counted since the timestamp before, when the host counted `host_ns` at most a delay more or
     /// little less; `None` where the device was reset.
+    #[inline]
     pub(super) fn step(&mut self, now_ns: u64, host_ns: i64) -> Option<i64> {
         let last_ns = std::mem::replace(&mut self.last_ns, now_ns);
+        if self.turn_ns.is_none() && now_ns >= last_ns {
+            return i64::try_from(now_ns - last_ns).ok();
+        }
+        self.step_of_turns(last_ns, now_ns, host_ns)
+    }
+
+    /// The step of a counter that has wrapped, or wraps or was reset now.
+    #[cold]
+    fn step_of_turns(&mut self, last_ns: u64, now_ns: u64, host_ns: i64) -> Option<i64> {
         if let Some(turn_ns) = self.turn_ns {
             return Some(with_turns(last_ns, now_ns, turn_ns, host_ns as f64));
-        }
-        if now_ns >= last_ns {
-            return i64::try_from(now_ns - last_ns).ok();
         }
         SHORT_COUNTERS.into_iter().find_map(|bits| {
             let turn_ns = 2f64.powi(bits as i32) * self.increment_ns;

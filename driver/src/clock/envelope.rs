@@ -17,6 +17,13 @@ const MOST_DRIFT: f64 = 500e-6;
 /// Buckets whose least late frames tell how well the line fits at present: the last 2 s.
 const RECENT: usize = 4;
 
+/// The nearest whole number, halves away from zero.
+///
+/// `f64::round` is a call into the mathematics library, whose code is in no cache when a frame comes.
+pub(super) fn nearest(value: f64) -> i64 {
+    (value + 0.5_f64.copysign(value)) as i64
+}
+
 /// A frame: device time since the first one, and by how much its arrival is later than that; nanoseconds.
 #[derive(Debug, Clone, Copy, Default)]
 struct Point {
@@ -50,7 +57,7 @@ struct Line {
 impl Line {
     fn delay_at(&self, device_ns: i64) -> i64 {
         let since = device_ns.saturating_sub(self.anchor.device_ns);
-        self.anchor.delay_ns.saturating_add((since as f64 * self.drift).round() as i64)
+        self.anchor.delay_ns.saturating_add(nearest(since as f64 * self.drift))
     }
 
     /// How far `point` lies above the line.

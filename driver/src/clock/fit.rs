@@ -1,7 +1,7 @@
 //! The device's clock, fitted to CLOCK_MONOTONIC while frames come in.
 
 use super::counter::Counter;
-use super::envelope::Envelope;
+use super::envelope::{Envelope, nearest};
 
 /// A frame that arrives earlier than the fit allows by more than this shows that the device's clock was set, or that the fit began with
 /// late frames. It is also the largest error that is not mended at once.
@@ -60,8 +60,11 @@ impl ClockFit {
     /// Places the next frame, which the device stamped with `device_ns` and which arrived at `arrival_ns`, CLOCK_MONOTONIC.
     ///
     /// Allocates nothing, in bounded time.
+    #[inline]
     pub fn place(&mut self, device_ns: u64, arrival_ns: u64) -> Placed {
-        self.learn();
+        if self.state.as_ref().is_some_and(|state| state.unlearnt.is_some()) {
+            self.learn();
+        }
         let Some(state) = &mut self.state else { return self.begin(device_ns, arrival_ns) };
         let arrival = arrival_ns.wrapping_sub(state.origin_ns) as i64;
         let envelope = &mut self.envelope;
@@ -83,7 +86,7 @@ impl ClockFit {
             None => restart(envelope, &mut self.misfit_ns, state.device_ns, delay),
         }
 
-        let drifted = (device_step as f64 * envelope.drift()).round() as i64;
+        let drifted = nearest(device_step as f64 * envelope.drift());
         let expected = state.placed_ns.saturating_add(device_step).saturating_add(drifted);
         let error = on_time(envelope, state.device_ns).saturating_sub(expected);
         let slew = (device_step as f64 * SLEW).min(MOST_SLEW_NS) as i64;
@@ -97,6 +100,7 @@ impl ClockFit {
     }
 
     /// Lets the frame placed last tell about the frames to come. For after it was sent; the next [`ClockFit::place`] does it otherwise.
+    #[inline(never)]
     pub fn learn(&mut self) {
         let Some(state) = &mut self.state else { return };
         let Some(delay) = state.unlearnt.take() else { return };
@@ -107,6 +111,7 @@ impl ClockFit {
         self.misfit_ns = self.envelope.misfit_ns().map(i64::unsigned_abs);
     }
 
+    #[cold]
     fn begin(&mut self, device_ns: u64, arrival_ns: u64) -> Placed {
         self.state = Some(State {
             counter: Counter::new(self.increment_ns, device_ns),
@@ -134,6 +139,7 @@ impl Default for ClockFit {
 
 /// Begins anew with a frame that the frames before say nothing about.
 #[cold]
+#[inline(never)]
 fn restart(envelope: &mut Envelope, misfit_ns: &mut Option<u64>, device_ns: i64, delay_ns: i64) {
     envelope.restart();
     envelope.add(device_ns, delay_ns);
