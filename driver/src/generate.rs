@@ -105,7 +105,7 @@ impl Order {
                     last_frame_ns = capture.arrival_monotonic_ns;
                     let frame = picture(&mut capture.slot, &applied);
                     camera.queue(capture.slot)?;
-                    self.generator.add(&frame)?;
+                    self.generator.add(frame)?;
                     (self.progress)(self.generator.progress());
                     if self.generator.is_satisfied() {
                         break;

@@ -144,7 +144,7 @@ impl Generator {
     ///
     /// # Errors
     /// [`Error::Generate`] where a parameter is out of its range, or the frame has another size than the others.
-    pub fn add(&mut self, frame: &GrayImage) -> Result<(), Error> {
+    pub fn add(&mut self, frame: GrayImage) -> Result<(), Error> {
         if self.is_full() {
             return Ok(());
         }
@@ -154,26 +154,18 @@ impl Generator {
         Ok(added?)
     }
 
-    fn accumulate(&mut self, frame: &GrayImage) -> Result<(), GenerateError> {
-        let collected = match &mut self.collected {
-            Some(collected) => collected,
-            None => {
-                let accumulator = match self.wish.method {
-                    Method::Paper => None,
-                    Method::Fused => Some(Accumulator::new(
-                        frame.width(),
-                        frame.height(),
-                        &self.ignored,
-                        &self.parameters,
-                    )?),
-                };
-                let brightest = GrayImage::new(frame.width(), frame.height());
-                self.collected.insert(Collected { brightest, accumulator, frames: 0, is_settled: false })
-            }
+    fn accumulate(&mut self, frame: GrayImage) -> Result<(), GenerateError> {
+        let Some(collected) = &mut self.collected else {
+            let (width, height) = frame.dimensions();
+            let mut accumulator = match self.wish.method {
+                Method::Paper => None,
+                Method::Fused => Some(Accumulator::new(width, height, &self.ignored, &self.parameters)?),
+            };
+            let is_settled = add(&mut accumulator, &frame)?;
+            self.collected = Some(Collected { brightest: frame, accumulator, frames: 1, is_settled });
+            return Ok(());
         };
-        if let Some(accumulator) = &mut collected.accumulator {
-            collected.is_settled = accumulator.add(frame)?.is_settled;
-        }
+        collected.is_settled = add(&mut collected.accumulator, &frame)?;
         for (brightest, value) in collected.brightest.iter_mut().zip(frame.as_raw()) {
             *brightest = (*brightest).max(*value);
         }
@@ -230,6 +222,14 @@ impl Generator {
             exposure_us,
             seconds: (self.busy + start.elapsed()).as_secs_f64(),
         })
+    }
+}
+
+/// Adds a frame where frames are accumulated, and says whether more are not worth their time.
+fn add(accumulator: &mut Option<Accumulator>, frame: &GrayImage) -> Result<bool, GenerateError> {
+    match accumulator {
+        Some(accumulator) => Ok(accumulator.add(frame)?.is_settled),
+        None => Ok(false),
     }
 }
 

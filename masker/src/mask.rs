@@ -56,11 +56,20 @@ impl MaskId {
     /// No mask at all, all zero. Not the identity of an all-white mask.
     pub const NONE: Self = Self([0; 16]);
 
-    fn of(mask: &GrayImage) -> Self {
-        let (width, height) = mask.dimensions();
+    fn of(mask: &Mask) -> Self {
+        let (width, height) = (mask.width, mask.height);
         let mut hash = Sha256::new();
         hash.update(format!("P5\n{width} {height}\n255\n"));
-        hash.update(mask.as_raw());
+        // Row by row: an image of its own would take longer than the hash.
+        let mut pixels = vec![KEEP; width as usize];
+        let mut runs = mask.runs.iter().peekable();
+        for row in 0..height {
+            pixels.fill(KEEP);
+            while let Some(run) = runs.next_if(|run| run.row == row) {
+                pixels[run.start as usize..run.end() as usize].fill(0);
+            }
+            hash.update(&pixels);
+        }
         let mut id = [0; 16];
         id.iter_mut().zip(hash.finalize()).for_each(|(to, from)| *to = from);
         Self(id)
@@ -166,7 +175,7 @@ impl Mask {
         }
         let masked_px = runs.iter().map(|run| u64::from(run.length)).sum();
         let mut mask = Self { width, height, runs, masked_px, id: MaskId::NONE };
-        mask.id = MaskId::of(&mask.to_gray());
+        mask.id = MaskId::of(&mask);
         mask
     }
 

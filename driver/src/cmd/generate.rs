@@ -73,7 +73,7 @@ fn from_files(arguments: &args::Generate, out: &Path) -> Result<Report, Error> {
     let mut generator = Generator::new(arguments.wish.clone(), &config::Generate::default());
     for file in &arguments.from {
         // Pictures are few and chosen: all are taken, settled or not.
-        generator.add(&read_gray(file)?)?;
+        generator.add(read_gray(file)?)?;
     }
     let generated = generator.finish(arguments.wish.exposure_us)?;
     let mut report = generated.report();

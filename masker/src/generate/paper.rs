@@ -20,15 +20,16 @@ pub(super) fn connect(candidates: &GrayImage, parameters: &Parameters) -> Result
     let half_side = half_side_of_neighbours(parameters.k);
     let queried: Vec<(u32, u32)> =
         lit_pixels(candidates).filter(|(x, y)| !is_surrounded(candidates, *x, *y, half_side)).collect();
-    let start = || (GrayImage::new(candidates.width(), candidates.height()), PolygonFiller::default());
+    let start = || (candidates.clone(), PolygonFiller::default());
     let drawn =
         visit_neighbourhoods(candidates, &queried, parameters, start, |(drawn, filler), neighbours| {
             filler.fill(drawn, neighbours);
         })?;
-    let mut shape = candidates.clone();
-    for (drawn, _) in drawn {
+    let unite = |mut shape: GrayImage, drawn: GrayImage| {
         shape.iter_mut().zip(drawn.as_raw()).for_each(|(pixel, drawn)| *pixel |= drawn);
-    }
+        shape
+    };
+    let mut shape = drawn.into_iter().map(|(drawn, _)| drawn).reduce(unite).unwrap_or_default();
     grow(&mut shape, parameters.kappa);
     Ok(shape)
 }
