@@ -6,6 +6,9 @@ use crate::image::GrayImage;
 /// Larger pens cover no more of any image: distances along a column are kept in 16 bits.
 const LARGEST_RADIUS: u32 = u16::MAX as u32 - 1;
 
+/// Pixels of a row that are looked at together.
+const STRETCH: usize = 32;
+
 /// Grows the [`LIT`] pixels of `image` as if its contours were drawn with a round pen `thickness` pixels wide.
 ///
 /// The pen covers whole pixels around the contour's, as OpenCV's `drawContours` does: it reaches half the thickness,
@@ -28,21 +31,36 @@ pub(super) fn grow(image: &mut GrayImage, thickness: u32) {
     let bottom = (last + half_chords.len()).min(image.height() as usize);
     let pixels = &mut image.as_mut()[top * columns..bottom * columns];
 
-    let distances = column_distances(pixels, columns, half_chords.len() as u16);
+    let radius = half_chords.len() as u16 - 1;
+    let distances = column_distances(pixels, columns, radius + 1);
     // At a column: chords that begin there minus chords that ended before it.
     let mut changes = vec![0_i32; columns + 1];
     for (row, distances) in pixels.chunks_exact_mut(columns).zip(distances.chunks_exact(columns)) {
-        for (x, distance) in distances.iter().enumerate() {
-            if let Some(half_chord) = half_chords.get(usize::from(*distance)) {
-                changes[x.saturating_sub(*half_chord)] += 1;
-                changes[(x + half_chord + 1).min(columns)] -= 1;
+        // Most of a row is far from what is lit, and found to be so faster many pixels at a time.
+        for (place, near) in distances.chunks(STRETCH).enumerate() {
+            if near.iter().fold(u16::MAX, |least, distance| least.min(*distance)) > radius {
+                continue;
+            }
+            for (x, distance) in (place * STRETCH..).zip(near) {
+                if let Some(half_chord) = half_chords.get(usize::from(*distance)) {
+                    changes[x.saturating_sub(*half_chord)] += 1;
+                    changes[(x + half_chord + 1).min(columns)] -= 1;
+                }
             }
         }
         let mut chords = 0;
-        for (pixel, change) in row.iter_mut().zip(&mut changes) {
-            chords += std::mem::take(change);
-            if chords > 0 {
-                *pixel = LIT;
+        for (pixels, changes) in row.chunks_mut(STRETCH).zip(changes.chunks_mut(STRETCH)) {
+            if changes.iter().fold(0, |any, change| any | change) == 0 {
+                if chords > 0 {
+                    pixels.fill(LIT);
+                }
+                continue;
+            }
+            for (pixel, change) in pixels.iter_mut().zip(changes) {
+                chords += std::mem::take(change);
+                if chords > 0 {
+                    *pixel = LIT;
+                }
             }
         }
         changes[columns] = 0;
