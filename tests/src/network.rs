@@ -34,6 +34,7 @@ fn in_namespace_without(wrapper: &[&str], name: &str, body: impl FnOnce()) {
     // A wrong name runs no test, successfully.
     let ran = output.status.success() && said.contains("1 passed");
     assert!(ran, "{name} failed in its network namespace: {}\n{said}\n{complained}", output.status);
+    print!("{said}");
 }
 
 /// Runs this program again, in a namespace in which only loopback is up; returns where it is there already.
