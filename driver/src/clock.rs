@@ -84,14 +84,19 @@ impl FrameClock {
                     )
                 }
             };
-        let age_ns = monotonic_ns().saturating_sub(header.mid_exposure_monotonic_ns);
-        header.mid_exposure_realtime_ns = realtime_ns().saturating_sub(age_ns);
+        stamp_realtime(header, monotonic_ns(), realtime_ns());
     }
 
     /// Lets the frame stamped last tell about the frames to come: what can wait until it was sent.
     pub fn learn(&mut self) {
         self.fit.learn();
     }
+}
+
+/// Adds CLOCK_REALTIME at the middle of the exposure, from what both clocks say now. Nothing is kept of it for the next frame.
+fn stamp_realtime(header: &mut FrameHeader, monotonic_ns: u64, realtime_ns: u64) {
+    let age_ns = monotonic_ns.saturating_sub(header.mid_exposure_monotonic_ns);
+    header.mid_exposure_realtime_ns = realtime_ns.saturating_sub(age_ns);
 }
 
 #[cfg(test)]
@@ -140,6 +145,25 @@ mod tests {
             let mut header = header(5_000_000_000 + exact_ns + 200_000 * (frame % 2));
             clock.stamp(&mut header, Some(77 + exact_ns));
             assert_eq!(header.device_timestamp_ns, 77 + exact_ns);
+            stamps.push(header.mid_exposure_monotonic_ns);
+        }
+        assert!(stamps.windows(2).all(|pair| pair[1] - pair[0] == 16_666_667), "{stamps:?}");
+    }
+
+    #[test]
+    fn a_step_of_the_wall_clock_shows_in_its_own_stamp_alone() {
+        const HOUR_NS: u64 = 3_600_000_000_000;
+        let mut clock = FrameClock::new(DeviceClock::default());
+        // Set back by an hour, then two hours ahead.
+        let walls = [100 * HOUR_NS, 99 * HOUR_NS, 101 * HOUR_NS];
+        let mut stamps = Vec::new();
+        for (frame, wall_ns) in (0..).zip(walls) {
+            let mut header = header(5_000_000_000 + frame * 16_666_667);
+            clock.stamp(&mut header, Some(frame * 16_666_667));
+            let now_ns = header.arrival_monotonic_ns;
+            stamp_realtime(&mut header, now_ns, wall_ns);
+            // Half of the exposure of 1 ms ago.
+            assert_eq!(header.mid_exposure_realtime_ns, wall_ns - 500_000);
             stamps.push(header.mid_exposure_monotonic_ns);
         }
         assert!(stamps.windows(2).all(|pair| pair[1] - pair[0] == 16_666_667), "{stamps:?}");
