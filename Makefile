@@ -28,7 +28,7 @@ help: ## List the targets
 
 .PHONY: demo
 demo: packages ## Run the driver on a simulated camera, with a consumer beside it, for about ten seconds
-	cargo run --release --quiet --package uvcam -- demo --out demo
+	cargo run --release --locked --package uvcam -- demo --out demo
 
 .PHONY: test
 test: packages test-packages ## Run every test
