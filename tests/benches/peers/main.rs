@@ -111,8 +111,12 @@ fn plan(options: &Options, chains: &[Chain]) -> Vec<(Scene, Vec<Chain>)> {
     let mut plan: Vec<_> =
         shapes.map(|(size, cameras)| with(Scene::comparison(size, cameras), chains)).collect();
     if !options.no_growth {
-        plan.extend(Scene::more_cameras().into_iter().map(|scene| with(scene, &[Chain::UvcamEvent])));
-        plan.extend(Scene::larger_frames().into_iter().map(|scene| with(scene, &[Chain::UvcamPoll])));
+        if chains.contains(&Chain::UvcamEvent) {
+            plan.extend(Scene::more_cameras().into_iter().map(|scene| with(scene, &[Chain::UvcamEvent])));
+        }
+        if chains.contains(&Chain::UvcamPoll) {
+            plan.extend(Scene::larger_frames().into_iter().map(|scene| with(scene, &[Chain::UvcamPoll])));
+        }
     }
     plan
 }
