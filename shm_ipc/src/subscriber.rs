@@ -6,7 +6,7 @@
 //!    under a reader's eyes, never sizes: these come from the copy.
 //! 3. What iceoryx2 itself keeps in shared memory is trusted: driver and consumers run under one user.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use iceoryx2::node::Node;
 use iceoryx2::port::listener::{Listener, ListenerCreateError, ListenerWaitError};
@@ -23,7 +23,7 @@ use crate::header::FrameHeader;
 use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::settings::Settings;
 use crate::wake_word::WakeWord;
-use crate::wakeup::{Prediction, Wakeup, Watch, until};
+use crate::wakeup::{Prediction, Wakeup, Watch, after, until};
 
 /// Time between attempts to find a driver.
 const RETRY: Duration = Duration::from_millis(50);
@@ -40,10 +40,9 @@ pub struct Subscriber {
     link: Option<Link>,
     node: Option<Node<Ipc>>,
     address: Address,
-    /// When a frame came, or a connection was made.
-    last_sign_of_life: Instant,
-    last_attempt: Option<Instant>,
-    failing_since: Option<Instant>,
+    /// When to look next whether there is a driver, CLOCK_MONOTONIC in ns: each frame puts it off.
+    next_look_ns: u64,
+    failing_since_ns: Option<u64>,
     continuity: Continuity,
     wakeup: Wakeup,
     prediction: Prediction,
@@ -67,9 +66,8 @@ impl Subscriber {
             link: None,
             node: None,
             address,
-            last_sign_of_life: Instant::now(),
-            last_attempt: None,
-            failing_since: None,
+            next_look_ns: 0,
+            failing_since_ns: None,
             continuity: Continuity::default(),
             wakeup: Wakeup::default(),
             prediction: Prediction::default(),
@@ -78,7 +76,7 @@ impl Subscriber {
             epochs: 0,
             rejected: 0,
         };
-        subscriber.look_after_link()?;
+        subscriber.look_after_link(monotonic_ns())?;
         Ok(subscriber)
     }
 
@@ -89,12 +87,16 @@ impl Subscriber {
     /// [`IpcError::TooManyHeld`] where the caller holds as many frames as the driver allows, and those of [`Subscriber::open`].
     #[allow(clippy::should_implement_trait, reason = "an iterator ends where this has to wait")]
     pub fn next(&mut self) -> Result<Option<Frame>, IpcError> {
-        self.look_after_link()?;
+        let now_ns = monotonic_ns();
+        self.look_after_link(now_ns)?;
         while let Some(sample) = self.receive()? {
             // Law 1.
             let header = *sample.user_header();
             match header.validate(sample.payload().len()) {
-                Ok(image_bytes) => return Ok(Some(self.accept(sample, header, image_bytes))),
+                Ok(image_bytes) => {
+                    let step = self.accept(&header, now_ns);
+                    return Ok(Some(Frame { sample, header, image_bytes, step }));
+                }
                 Err(_) => self.rejected += 1,
             }
         }
@@ -130,15 +132,16 @@ impl Subscriber {
     /// # Errors
     /// Those of [`Subscriber::open`].
     pub fn wait(&mut self, timeout: Duration) -> Result<bool, IpcError> {
-        let begin = Instant::now();
+        let mut now_ns = monotonic_ns();
+        let deadline_ns = after(timeout, now_ns);
         loop {
-            self.look_after_link()?;
+            self.look_after_link(now_ns)?;
             // Before the look for a frame: one that comes after it is seen by the sleep.
             let seen = self.link.as_ref().map_or(0, Link::announced);
             if self.has_unread() {
                 return Ok(true);
             }
-            let left = timeout.saturating_sub(begin.elapsed());
+            let left = until(deadline_ns, now_ns);
             if left.is_zero() {
                 return Ok(false);
             }
@@ -147,7 +150,7 @@ impl Subscriber {
                 Some(link) if self.wakeup == Wakeup::Event => link.listen(left.min(NAP), &self.address)?,
                 Some(link) => {
                     let watch = match self.wakeup {
-                        Wakeup::Predictive => self.prediction.next(monotonic_ns()),
+                        Wakeup::Predictive => self.prediction.next(now_ns),
                         _ => None,
                     };
                     match watch {
@@ -156,6 +159,7 @@ impl Subscriber {
                     }
                 }
             }
+            now_ns = monotonic_ns();
         }
     }
 
@@ -184,21 +188,18 @@ impl Subscriber {
         self.link.is_some()
     }
 
-    fn accept(
-        &mut self,
-        sample: Sample<Ipc, [u8], FrameHeader>,
-        header: FrameHeader,
-        image_bytes: usize,
-    ) -> Frame {
-        let step = self.continuity.step(&header);
-        self.prediction.frame(&header);
-        self.last_sign_of_life = Instant::now();
+    fn accept(&mut self, header: &FrameHeader, now_ns: u64) -> Step {
+        let step = self.continuity.step(header);
+        if self.wakeup == Wakeup::Predictive {
+            self.prediction.frame(header);
+        }
+        self.next_look_ns = after(SILENCE, now_ns);
         if self.frames == 0 || step.epoch_changed {
             self.epochs += 1;
         }
         self.frames += 1;
         self.lost = self.lost.saturating_add(step.lost);
-        Frame { sample, header, image_bytes, step }
+        step
     }
 
     fn receive(&mut self) -> Result<Option<Sample<Ipc, [u8], FrameHeader>>, IpcError> {
@@ -222,35 +223,38 @@ impl Subscriber {
     }
 
     /// A publisher that could not be connected to is not tried again by iceoryx2: all is opened anew.
+    #[cold]
     fn let_go(&mut self) {
+        self.next_look_ns = after(RETRY, monotonic_ns());
         self.link = None;
         self.node = None;
     }
 
-    /// Connects where there is no link; lets go of one that has no driver behind it.
-    fn look_after_link(&mut self) -> Result<(), IpcError> {
-        let now = Instant::now();
-        let pause = if self.link.is_some() { SILENCE } else { RETRY };
-        let silent = now.duration_since(self.last_sign_of_life) >= pause;
-        let rested = self.last_attempt.is_none_or(|attempt| now.duration_since(attempt) >= pause);
-        if (self.link.is_some() && !silent) || !rested {
-            return Ok(());
-        }
-        self.last_attempt = Some(now);
+    /// Connects where there is no link; lets go of one that has no driver behind it. Mostly too early for either.
+    #[inline]
+    fn look_after_link(&mut self, now_ns: u64) -> Result<(), IpcError> {
+        if now_ns < self.next_look_ns { Ok(()) } else { self.attend_to_link(now_ns) }
+    }
+
+    #[cold]
+    fn attend_to_link(&mut self, now_ns: u64) -> Result<(), IpcError> {
         match &self.link {
             Some(link) if link.is_abandoned(&self.address) => self.let_go(),
             Some(_) => {}
             None => match self.connect() {
                 Ok(link) => {
                     self.link = link;
-                    self.last_sign_of_life = now;
-                    self.failing_since = None;
+                    self.failing_since_ns = None;
                 }
                 Err(IpcError::System { .. })
-                    if now.duration_since(*self.failing_since.get_or_insert(now)) < TOLERANCE => {}
-                Err(error) => return Err(error),
+                    if until(now_ns, *self.failing_since_ns.get_or_insert(now_ns)) < TOLERANCE => {}
+                Err(error) => {
+                    self.next_look_ns = after(RETRY, now_ns);
+                    return Err(error);
+                }
             },
         }
+        self.next_look_ns = after(if self.link.is_some() { SILENCE } else { RETRY }, now_ns);
         Ok(())
     }
 

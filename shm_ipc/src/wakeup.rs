@@ -107,6 +107,11 @@ fn share_ns(period_ns: f64) -> f64 {
     (period_ns * SHARE).min(MOST_WATCHED_NS)
 }
 
+/// What comes `pause` after an instant.
+pub(crate) fn after(pause: Duration, instant_ns: u64) -> u64 {
+    instant_ns.saturating_add(u64::try_from(pause.as_nanos()).unwrap_or(u64::MAX))
+}
+
 /// From now to a later instant.
 pub(crate) fn until(instant_ns: u64, now_ns: u64) -> Duration {
     Duration::from_nanos(instant_ns.saturating_sub(now_ns))
