@@ -121,7 +121,7 @@ impl Subscriber {
         Ok(None)
     }
 
-    /// Chooses how [`Subscriber::wait`] waits.
+    /// Chooses how [`Subscriber::wait`] waits. [`Wakeup::Predictive`] learns the rhythm from the frames that come after.
     pub fn set_wakeup(&mut self, wakeup: Wakeup) {
         self.wakeup = wakeup;
     }
@@ -238,6 +238,7 @@ impl Subscriber {
 
     #[cold]
     fn attend_to_link(&mut self, now_ns: u64) -> Result<(), IpcError> {
+        self.next_look_ns = after(RETRY, now_ns);
         match &self.link {
             Some(link) if link.is_abandoned(&self.address) => self.let_go(),
             Some(_) => {}
@@ -248,13 +249,12 @@ impl Subscriber {
                 }
                 Err(IpcError::System { .. })
                     if until(now_ns, *self.failing_since_ns.get_or_insert(now_ns)) < TOLERANCE => {}
-                Err(error) => {
-                    self.next_look_ns = after(RETRY, now_ns);
-                    return Err(error);
-                }
+                Err(error) => return Err(error),
             },
         }
-        self.next_look_ns = after(if self.link.is_some() { SILENCE } else { RETRY }, now_ns);
+        if self.link.is_some() {
+            self.next_look_ns = after(SILENCE, now_ns);
+        }
         Ok(())
     }
 
