@@ -153,9 +153,9 @@ impl Subscriber {
                         Wakeup::Predictive => self.prediction.next(now_ns),
                         _ => None,
                     };
-                    match watch {
-                        Some(watch) => link.watch(seen, watch, left.min(NAP), &mut self.prediction),
-                        None => link.sleep(seen, left.min(NAP), &self.address)?,
+                    let nap = left.min(NAP);
+                    if !watch.is_some_and(|watch| link.watch(seen, watch, nap, &mut self.prediction)) {
+                        link.sleep(seen, nap, &self.address)?;
                     }
                 }
             }
@@ -314,17 +314,19 @@ impl Link {
         Ok(())
     }
 
-    /// Sleeps until a frame is soon due, then watches the wake word for it.
-    fn watch(&self, seen: u32, watch: Watch, timeout: Duration, prediction: &mut Prediction) {
-        let Some(word) = &self.wake_word else { return };
+    /// Sleeps until a frame is soon due, then watches for it. Does neither and returns `false` where that takes longer than `timeout`, or
+    /// where it could only watch on the driver's core.
+    fn watch(&self, seen: u32, watch: Watch, timeout: Duration, prediction: &mut Prediction) -> bool {
         let nap = until(watch.wake_ns, monotonic_ns());
-        if nap > timeout {
-            word.sleep(seen, timeout);
-            return;
+        let Some(word) = self.wake_word.as_ref().filter(|_| nap <= timeout) else { return false };
+        let Some(aside) = word.step_aside() else { return false };
+        if !nap.is_zero() {
+            word.sleep_exactly(seen, nap);
         }
-        let slept = !nap.is_zero() && word.sleep_exactly(seen, nap);
+        // Awake, it stays where it is, and is off the way of the frame.
+        drop(aside);
         let woke_ns = monotonic_ns();
-        if slept {
+        if woke_ns >= watch.wake_ns {
             prediction.overslept(watch.wake_ns, woke_ns);
         }
         let watched_ns = || monotonic_ns().saturating_sub(woke_ns);
@@ -333,6 +335,7 @@ impl Link {
             std::hint::spin_loop();
         }
         prediction.watched(watched_ns());
+        true
     }
 
     /// Sleeps until the driver notifies the event, at most `timeout`. The first call returns at once: a frame may have come before the

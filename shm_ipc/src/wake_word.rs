@@ -8,6 +8,7 @@
 //! | 0..4 | "UVCW" |
 //! | 4..8 | [`CONTRACT_VERSION`] |
 //! | 64..68 | the wake word, a futex (futex(2)) that processes share |
+//! | 68..72 | the core that the driver last sent from, counted from 1; 0 where it does not say |
 //!
 //! Bit 0 of the word says that somebody sleeps; the other bits count frames and wrap.
 //!
@@ -17,6 +18,7 @@
 //!   frame sent in between changes the word, so that no wake-up is missed.
 //! * Count and bit are one word: whoever dies, at whatever point, leaves nothing behind that the next frame does not clear. A driver
 //!   that starts takes over the page of one that was killed, sleepers included.
+//! * A consumer watches for a frame on another core than the driver's only: there it would keep the driver from sending it.
 //! * A sleep ends after 100 ms at the latest, for a look at whether driver and page are still the right ones.
 //!
 //! Laws of its memory:
@@ -35,7 +37,10 @@ use std::time::Duration;
 
 use rustix::fs::{FallocateFlags, fallocate};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
-use rustix::thread::{current_timer_slack, futex, set_current_timer_slack};
+use rustix::thread::{
+    CpuSet, current_timer_slack, futex, sched_getaffinity, sched_getcpu, sched_setaffinity,
+    set_current_timer_slack,
+};
 
 use crate::header::CONTRACT_VERSION;
 
@@ -43,6 +48,8 @@ const MAGIC: u32 = u32::from_le_bytes(*b"UVCW");
 const PAGE_BYTES: usize = 4096;
 /// Where the word lies, in units of four bytes: on a cache line of its own.
 const WORD: usize = 16;
+/// Where the driver's core lies, beside it: both are written with each frame.
+const CORE: usize = 17;
 /// Somebody sleeps.
 const ASLEEP: u32 = 1;
 
@@ -114,6 +121,8 @@ impl WakeWord {
             // The frame is out. A consumer that cannot be woken finds it when its own sleep ends.
             let _ = futex::wake(word, futex::Flags::empty(), i32::MAX as u32);
         }
+        // Relaxed: advice that orders nothing.
+        self.at(CORE).store(u32::try_from(sched_getcpu() + 1).unwrap_or(0), Ordering::Relaxed);
     }
 
     /// Frames announced so far, up to wrap-around: to be read before a look for a frame.
@@ -136,13 +145,29 @@ impl WakeWord {
 
     /// As [`WakeWord::sleep`], for a `timeout` that is to be met: without the 50 us that the system may add to it (PR_SET_TIMERSLACK,
     /// prctl(2)).
-    pub(crate) fn sleep_exactly(&self, seen: u32, timeout: Duration) -> bool {
+    pub(crate) fn sleep_exactly(&self, seen: u32, timeout: Duration) {
         let usual = current_timer_slack().ok().and_then(NonZeroU64::new);
         let _ = set_current_timer_slack(NonZeroU64::new(1));
-        let passed = self.sleep(seen, timeout);
+        self.sleep(seen, timeout);
         // The thread is the consumer's.
         let _ = set_current_timer_slack(usual);
-        passed
+    }
+
+    /// Keeps this thread from the core that the driver last sent from. `None` where that core is not known, or the only one that the
+    /// thread may use.
+    pub(crate) fn step_aside(&self) -> Option<Aside> {
+        // Relaxed: advice that orders nothing.
+        let core = (self.at(CORE).load(Ordering::Relaxed) as usize).checked_sub(1)?;
+        // Another process wrote the number.
+        if core >= CpuSet::MAX_CPU {
+            return None;
+        }
+        let usual = sched_getaffinity(None).ok()?;
+        let mut others = usual;
+        others.unset(core);
+        // Fails where there are no others.
+        sched_setaffinity(None, &others).ok()?;
+        Some(Aside { usual })
     }
 
     /// Whether its name still leads to this page: a driver that starts anew makes another one.
@@ -162,6 +187,19 @@ impl Drop for WakeWord {
     fn drop(&mut self) {
         // SAFETY: law 1: the mapping is this value's own, and no reference outlives it.
         let _ = unsafe { munmap(self.page.as_ptr().cast(), PAGE_BYTES) };
+    }
+}
+
+/// While it lives, this thread stays away from the driver's core.
+#[must_use]
+pub(crate) struct Aside {
+    usual: CpuSet,
+}
+
+impl Drop for Aside {
+    fn drop(&mut self) {
+        // The thread is the consumer's.
+        let _ = sched_setaffinity(None, &self.usual);
     }
 }
 
@@ -221,6 +259,57 @@ mod tests {
         let frames = driver.frames();
         driver.announce();
         assert_eq!(word(), frames + 2);
+    }
+
+    /// On a thread of its own, which runs on one core; gives that core and those that the test may use.
+    fn on_one_core(test: impl FnOnce(usize, CpuSet) + Send) {
+        std::thread::scope(|scope| {
+            let on_it = || {
+                let all = sched_getaffinity(None).unwrap();
+                let core = sched_getcpu();
+                let mut one = CpuSet::new();
+                one.set(core);
+                sched_setaffinity(None, &one).unwrap();
+                test(core, all);
+            };
+            scope.spawn(on_it).join().unwrap();
+        });
+    }
+
+    #[test]
+    fn who_is_going_to_watch_leaves_the_drivers_core_and_may_come_back() {
+        let (_folder, path) = page();
+        let driver = WakeWord::create(&path).unwrap();
+        on_one_core(|core, all| {
+            assert!(all.count() > 1, "needs two cores");
+            driver.announce();
+            sched_setaffinity(None, &all).unwrap();
+            let aside = driver.step_aside().unwrap();
+            assert_ne!(sched_getcpu(), core);
+            assert!(!sched_getaffinity(None).unwrap().is_set(core));
+            drop(aside);
+            assert_eq!(sched_getaffinity(None).unwrap(), all);
+        });
+    }
+
+    #[test]
+    fn who_may_use_no_other_core_stays() {
+        let (_folder, path) = page();
+        let driver = WakeWord::create(&path).unwrap();
+        on_one_core(|core, _| {
+            driver.announce();
+            assert!(driver.step_aside().is_none());
+            assert_eq!(sched_getcpu(), core);
+        });
+    }
+
+    #[test]
+    fn a_core_that_is_not_told_or_cannot_be_is_nowhere() {
+        let (_folder, path) = page();
+        let driver = WakeWord::create(&path).unwrap();
+        assert!(driver.step_aside().is_none());
+        driver.at(CORE).store(u32::MAX, Ordering::Relaxed);
+        assert!(driver.step_aside().is_none());
     }
 
     #[test]
