@@ -1,5 +1,7 @@
 //! The two clocks of the contract.
 
+use std::time::Duration;
+
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
 /// CLOCK_MONOTONIC, in ns: never steps, shared by all processes of one host.
@@ -12,6 +14,16 @@ pub fn monotonic_ns() -> u64 {
 #[inline]
 pub fn realtime_ns() -> u64 {
     nanoseconds(clock_gettime(ClockId::Realtime))
+}
+
+/// What comes `pause` after an instant.
+pub(crate) fn after(pause: Duration, instant_ns: u64) -> u64 {
+    instant_ns.saturating_add(u64::try_from(pause.as_nanos()).unwrap_or(u64::MAX))
+}
+
+/// From now to a later instant.
+pub(crate) fn until(instant_ns: u64, now_ns: u64) -> Duration {
+    Duration::from_nanos(instant_ns.saturating_sub(now_ns))
 }
 
 fn nanoseconds(time: Timespec) -> u64 {

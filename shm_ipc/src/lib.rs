@@ -20,6 +20,7 @@ mod error;
 mod header;
 pub mod health;
 mod pixel_format;
+mod prediction;
 mod publisher;
 mod resident;
 mod service;

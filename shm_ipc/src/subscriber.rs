@@ -16,14 +16,15 @@ use iceoryx2::prelude::PortFactory;
 use iceoryx2::sample::Sample;
 
 use crate::cleanup::cleanup;
-use crate::clock::monotonic_ns;
+use crate::clock::{after, monotonic_ns, until};
 use crate::continuity::{Continuity, Step};
 use crate::error::IpcError;
 use crate::header::FrameHeader;
+use crate::prediction::{Prediction, Watch};
 use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::settings::Settings;
 use crate::wake_word::WakeWord;
-use crate::wakeup::{Prediction, Wakeup, Watch, after, until};
+use crate::wakeup::Wakeup;
 
 /// Time between attempts to find a driver.
 const RETRY: Duration = Duration::from_millis(50);
