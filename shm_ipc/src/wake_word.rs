@@ -1,4 +1,4 @@
-//! The wake word: how a driver wakes consumers that only wait for a frame, in a tenth of the time that an event takes.
+//! The wake word: how a driver wakes consumers that only wait for a frame, in about half of the time that an event takes.
 //!
 //! One page of shared memory for each camera, `/dev/shm/<prefix><camera>.wake`, which the driver makes with its publisher and removes
 //! when it stops. Part of the contract, little-endian:
