@@ -9,10 +9,7 @@
 use std::time::Duration;
 
 use iceoryx2::node::Node;
-use iceoryx2::port::listener::{Listener, ListenerCreateError, ListenerWaitError};
-use iceoryx2::port::subscriber::SubscriberCreateError;
-use iceoryx2::port::{DegradationAction, ReceiveError};
-use iceoryx2::prelude::PortFactory;
+use iceoryx2::port::ReceiveError;
 use iceoryx2::sample::Sample;
 
 use crate::cleanup::cleanup;
@@ -20,11 +17,14 @@ use crate::clock::{after, monotonic_ns, until};
 use crate::continuity::{Continuity, Step};
 use crate::error::IpcError;
 use crate::header::FrameHeader;
-use crate::prediction::{Prediction, Watch};
-use crate::service::{Address, FrameService, Ipc, WakeService};
+use crate::prediction::Prediction;
+use crate::service::{Address, Ipc};
 use crate::settings::Settings;
-use crate::wake_word::WakeWord;
 use crate::wakeup::Wakeup;
+
+mod link;
+
+use link::Link;
 
 /// Time between attempts to find a driver.
 const RETRY: Duration = Duration::from_millis(50);
@@ -266,111 +266,6 @@ impl Subscriber {
         };
         Link::open(&self.address, node)
     }
-}
-
-/// A connection to the services of a camera. Ports are dropped before the services that they belong to.
-#[derive(Debug)]
-struct Link {
-    /// Made by the first wait for the event: nobody else costs the driver its notification.
-    listener: Option<Listener<Ipc>>,
-    /// Missing where the driver is just about to make it.
-    wake_word: Option<WakeWord>,
-    subscriber: iceoryx2::port::subscriber::Subscriber<Ipc, [u8], FrameHeader>,
-    wake: WakeService,
-    frames: FrameService,
-}
-
-impl Link {
-    fn open(address: &Address, node: &Node<Ipc>) -> Result<Option<Link>, IpcError> {
-        let Some((frames, wake)) = address.open(node)? else { return Ok(None) };
-        let subscriber =
-            frames.subscriber_builder().set_degradation_handler(|_, _| DegradationAction::DegradeAndFail);
-        match subscriber.create() {
-            Ok(subscriber) => {
-                let wake_word = open_wake_word(address)?;
-                Ok(Some(Link { listener: None, wake_word, subscriber, wake, frames }))
-            }
-            Err(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
-                Err(IpcError::TooManyConsumers(address.frames_name().to_owned()))
-            }
-            Err(source) => Err(address.failed("subscribing to", address.frames_name(), source)),
-        }
-    }
-
-    /// Frames that the wake word has announced.
-    fn announced(&self) -> u32 {
-        self.wake_word.as_ref().map_or(0, WakeWord::frames)
-    }
-
-    /// Sleeps on the wake word until more frames are announced than were `seen`, at most `timeout`.
-    fn sleep(&mut self, seen: u32, timeout: Duration, address: &Address) -> Result<(), IpcError> {
-        let Some(word) = &self.wake_word else {
-            std::thread::sleep(timeout.min(RETRY));
-            self.wake_word = open_wake_word(address)?;
-            return Ok(());
-        };
-        if word.sleep(seen, timeout) && !word.is_current() {
-            self.wake_word = open_wake_word(address)?;
-        }
-        Ok(())
-    }
-
-    /// Sleeps until a frame is soon due, then watches for it. Does neither and returns `false` where that takes longer than `timeout`, or
-    /// where it could only watch on the driver's core.
-    fn watch(&self, seen: u32, watch: Watch, timeout: Duration, prediction: &mut Prediction) -> bool {
-        let nap = until(watch.wake_ns, monotonic_ns());
-        let Some(word) = self.wake_word.as_ref().filter(|_| nap <= timeout) else { return false };
-        let Some(aside) = word.step_aside() else { return false };
-        if !nap.is_zero() {
-            word.sleep_exactly(seen, nap);
-        }
-        // Awake, it stays where it is, and is off the way of the frame.
-        drop(aside);
-        let woke_ns = monotonic_ns();
-        if woke_ns >= watch.wake_ns {
-            prediction.overslept(watch.wake_ns, woke_ns);
-        }
-        let watched_ns = || monotonic_ns().saturating_sub(woke_ns);
-        // The frame itself: it is there before it is announced.
-        while matches!(self.subscriber.has_samples(), Ok(false)) && watched_ns() < watch.budget_ns {
-            std::hint::spin_loop();
-        }
-        prediction.watched(watched_ns());
-        true
-    }
-
-    /// Sleeps until the driver notifies the event, at most `timeout`. The first call returns at once: a frame may have come before the
-    /// driver knew that somebody listens.
-    fn listen(&mut self, timeout: Duration, address: &Address) -> Result<(), IpcError> {
-        let Some(listener) = &self.listener else {
-            let listener = self.wake.listener_builder().create().map_err(|source| match source {
-                ListenerCreateError::ExceedsMaxSupportedListeners => {
-                    IpcError::TooManyConsumers(address.wake_name().to_owned())
-                }
-                _ => address.failed("listening to", address.wake_name(), source),
-            })?;
-            self.listener = Some(listener);
-            return Ok(());
-        };
-        match listener.timed_wait(|_| (), timeout) {
-            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
-            Err(source) => Err(address.failed("waiting for", address.wake_name(), source)),
-        }
-    }
-
-    /// Whether nothing is unread and nothing can come: there is no driver, or it uses other services under the same names.
-    fn is_abandoned(&self, address: &Address) -> bool {
-        if matches!(self.subscriber.has_samples(), Ok(true)) {
-            return false;
-        }
-        self.frames.dynamic_config().number_of_publishers() == 0 || !address.leads_to(&self.frames)
-    }
-}
-
-fn open_wake_word(address: &Address) -> Result<Option<WakeWord>, IpcError> {
-    let path = address.wake_word();
-    WakeWord::open(&path)
-        .map_err(|source| address.failed("opening the wake word", &path.display().to_string(), source))
 }
 
 /// One frame, in the memory that the driver wrote. Dropped, it gives its slot back; a consumer may hold
