@@ -47,6 +47,8 @@ pub struct Subscriber {
     continuity: Continuity,
     wakeup: Wakeup,
     prediction: Prediction,
+    /// Came while it was watched for.
+    watched: Option<Sample<Ipc, [u8], FrameHeader>>,
     frames: u64,
     lost: u64,
     epochs: u64,
@@ -72,6 +74,7 @@ impl Subscriber {
             continuity: Continuity::default(),
             wakeup: Wakeup::default(),
             prediction: Prediction::default(),
+            watched: None,
             frames: 0,
             lost: 0,
             epochs: 0,
@@ -155,8 +158,15 @@ impl Subscriber {
                         _ => None,
                     };
                     let nap = left.min(NAP);
-                    if !watch.is_some_and(|watch| link.watch(seen, watch, nap, &mut self.prediction)) {
-                        link.sleep(seen, nap, &self.address)?;
+                    match watch.and_then(|watch| link.watch(seen, watch, nap, &mut self.prediction)) {
+                        None => link.sleep(seen, nap, &self.address)?,
+                        Some(Ok(Some(sample))) => {
+                            self.watched = Some(sample);
+                            return Ok(true);
+                        }
+                        Some(Err(ReceiveError::ConnectionFailure(_))) => self.let_go(),
+                        // Nothing came, or the caller holds as many frames as it may: the next look tells.
+                        Some(Ok(None) | Err(ReceiveError::ExceedsMaxBorrows)) => {}
                     }
                 }
             }
@@ -204,6 +214,9 @@ impl Subscriber {
     }
 
     fn receive(&mut self) -> Result<Option<Sample<Ipc, [u8], FrameHeader>>, IpcError> {
+        if let Some(sample) = self.watched.take() {
+            return Ok(Some(sample));
+        }
         let Some(link) = &self.link else { return Ok(None) };
         match link.subscriber.receive() {
             Ok(sample) => Ok(sample),
@@ -216,6 +229,9 @@ impl Subscriber {
     }
 
     fn has_unread(&mut self) -> bool {
+        if self.watched.is_some() {
+            return true;
+        }
         let unread = self.link.as_ref().map(|link| link.subscriber.has_samples());
         unread.unwrap_or(Ok(false)).unwrap_or_else(|_| {
             self.let_go();

@@ -12,7 +12,9 @@ use iceoryx2::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
 use support::child::{Role, publish_on_demand, role, say};
 use support::*;
-use uvcam_shm_ipc::{FrameHeader, Publisher, Settings, Subscriber, Wakeup, monotonic_ns, wake_service_name};
+use uvcam_shm_ipc::{
+    FrameHeader, IpcError, Publisher, Settings, Subscriber, Wakeup, monotonic_ns, wake_service_name,
+};
 
 const ALL: [Wakeup; 3] = [Wakeup::Futex, Wakeup::Predictive, Wakeup::Event];
 
@@ -171,6 +173,39 @@ fn a_rate_that_changes_loses_no_frame() {
                 std::thread::sleep(Duration::from_nanos(due_ns.saturating_sub(monotonic_ns())));
                 publish_at_period(&publisher, sequence, told_ns);
                 assert_eq!(told.recv_timeout(PATIENCE), Ok(sequence), "{wakeup:?}");
+            }
+        });
+    }
+}
+
+#[test]
+fn who_holds_as_many_frames_as_it_may_is_told_so_and_loses_none() {
+    for wakeup in ALL {
+        let place = Place::new();
+        let publisher = place.publisher();
+        let mut subscriber = subscriber(&place, wakeup);
+        let (received, told) = channel();
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                let mut held: Vec<_> = (0..20)
+                    .map(|_| receive(&mut subscriber))
+                    .inspect(|_| received.send(()).unwrap())
+                    .skip(18)
+                    .collect();
+                assert_eq!(held.len(), place.settings.borrowed);
+                assert!(subscriber.wait(PATIENCE).unwrap());
+                assert!(matches!(subscriber.next(), Err(IpcError::TooManyHeld(_))), "{wakeup:?}");
+                held.pop();
+                let frame = subscriber.next().unwrap().unwrap();
+                assert_eq!((frame.header().sequence, frame.lost_before()), (20, 0), "{wakeup:?}");
+                received.send(()).unwrap();
+            });
+            let mut due_ns = monotonic_ns();
+            for sequence in 0..21 {
+                due_ns += 5_000_000;
+                std::thread::sleep(Duration::from_nanos(due_ns.saturating_sub(monotonic_ns())));
+                publish_at_period(&publisher, sequence, 5_000_000);
+                told.recv_timeout(PATIENCE).unwrap();
             }
         });
     }

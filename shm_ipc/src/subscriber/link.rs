@@ -3,10 +3,11 @@
 use std::time::Duration;
 
 use iceoryx2::node::Node;
-use iceoryx2::port::DegradationAction;
 use iceoryx2::port::listener::{Listener, ListenerCreateError, ListenerWaitError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
+use iceoryx2::port::{DegradationAction, ReceiveError};
 use iceoryx2::prelude::PortFactory;
+use iceoryx2::sample::Sample;
 
 use super::RETRY;
 use crate::clock::{monotonic_ns, until};
@@ -15,6 +16,9 @@ use crate::header::FrameHeader;
 use crate::prediction::{Prediction, Watch};
 use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::wake_word::WakeWord;
+
+/// A frame, none, or why it cannot be had.
+pub(super) type Received = Result<Option<Sample<Ipc, [u8], FrameHeader>>, ReceiveError>;
 
 /// A connection to the services of a camera. Ports are dropped before the services that they belong to.
 #[derive(Debug)]
@@ -63,18 +67,18 @@ impl Link {
         Ok(())
     }
 
-    /// Sleeps until a frame is soon due, then watches for it. Does neither and returns `false` where that takes longer than `timeout`, or
-    /// where it could only watch on the driver's core.
+    /// Sleeps until a frame is soon due, then watches for it and takes it. Does neither and returns `None` where that takes longer than
+    /// `timeout`, or where it could only watch on the driver's core.
     pub(super) fn watch(
         &self,
         seen: u32,
         watch: Watch,
         timeout: Duration,
         prediction: &mut Prediction,
-    ) -> bool {
+    ) -> Option<Received> {
         let nap = until(watch.wake_ns, monotonic_ns());
-        let Some(word) = self.wake_word.as_ref().filter(|_| nap <= timeout) else { return false };
-        let Some(aside) = word.step_aside() else { return false };
+        let word = self.wake_word.as_ref().filter(|_| nap <= timeout)?;
+        let aside = word.step_aside()?;
         if !nap.is_zero() {
             word.sleep_exactly(seen, nap);
         }
@@ -84,13 +88,16 @@ impl Link {
         if woke_ns >= watch.wake_ns {
             prediction.overslept(watch.wake_ns, woke_ns);
         }
-        let watched_ns = || monotonic_ns().saturating_sub(woke_ns);
-        // The frame itself: it is there before it is announced.
-        while matches!(self.subscriber.has_samples(), Ok(false)) && watched_ns() < watch.budget_ns {
+        loop {
+            // The frame itself: it is there before it is announced, and who asks for it all the time has at hand the code that takes it.
+            let received = self.subscriber.receive();
+            let watched_ns = monotonic_ns().saturating_sub(woke_ns);
+            if !matches!(received, Ok(None)) || watched_ns >= watch.budget_ns {
+                prediction.watched(watched_ns);
+                return Some(received);
+            }
             std::hint::spin_loop();
         }
-        prediction.watched(watched_ns());
-        true
     }
 
     /// Sleeps until the driver notifies the event, at most `timeout`. The first call returns at once: a frame may have come before the
