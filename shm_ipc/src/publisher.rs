@@ -11,6 +11,7 @@ use std::io;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use iceoryx2::port::DegradationAction;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::*;
@@ -84,7 +85,7 @@ impl Publisher {
         }
         let give_up = Instant::now() + PATIENCE;
         loop {
-            let address = Address::new(settings, camera)?;
+            let address = Address::for_driver(settings, camera)?;
             match Publisher::try_create(address, settings, frame_bytes, loans) {
                 Err(error) if may_pass(&error) && Instant::now() < give_up => std::thread::sleep(RETRY),
                 outcome => return outcome,
@@ -116,6 +117,8 @@ impl Publisher {
             .max_loaned_samples(loans)
             .allocation_strategy(AllocationStrategy::Static)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
+            // A consumer that cannot be reached notices it by itself; the others get their frames, and nobody writes a log here.
+            .set_degradation_handler(|_, _| DegradationAction::Ignore)
             .create()
             .map_err(|source| match source {
                 PublisherCreateError::ExceedsMaxSupportedPublishers => {

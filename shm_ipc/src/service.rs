@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Once;
+use std::time::Duration;
 
 use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
@@ -52,6 +53,14 @@ impl Address {
         let frames = ServiceName::new(&frame_service_name(camera)).map_err(|_| wrong())?;
         let wake = ServiceName::new(&wake_service_name(camera)).map_err(|_| wrong())?;
         Ok(Address { camera: camera.to_owned(), config, frames, wake })
+    }
+
+    /// As [`Address::new`], for the driver, which waits for nobody: iceoryx2 connects to new consumers while it sends a frame, and would
+    /// wait there for memory that a consumer has not finished, or that belongs to another user. What can be tried again is.
+    pub(crate) fn for_driver(settings: &Settings, camera: &str) -> Result<Self, IpcError> {
+        let mut address = Address::new(settings, camera)?;
+        address.config.global.creation_timeout = Duration::ZERO;
+        Ok(address)
     }
 
     /// Signs this program in.
@@ -226,8 +235,9 @@ impl Address {
     }
 }
 
-/// iceoryx2 reports every failed attempt on stderr; here, what matters comes back as an error. `IOX2_LOG_LEVEL` brings it back.
+/// iceoryx2 writes to stderr, also from a thread that flies, and panics where that fails; here, what matters comes back as an error.
+/// `IOX2_LOG_LEVEL` brings it back.
 pub(crate) fn quieten() {
     static ONCE: Once = Once::new();
-    ONCE.call_once(|| set_log_level_from_env_or(LogLevel::Error));
+    ONCE.call_once(|| set_log_level_from_env_or(LogLevel::Fatal));
 }

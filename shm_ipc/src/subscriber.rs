@@ -256,9 +256,13 @@ impl Subscriber {
     #[cold]
     fn attend_to_link(&mut self, now_ns: u64) -> Result<(), IpcError> {
         self.next_look_ns = after(RETRY, now_ns);
-        match &self.link {
-            Some(link) if link.is_abandoned(&self.address) => self.let_go(),
-            Some(_) => {}
+        let received = self.frames + self.rejected;
+        match &mut self.link {
+            Some(link) => {
+                if link.leads_nowhere(received, &self.address) {
+                    self.let_go();
+                }
+            }
             None => match self.connect() {
                 Ok(link) => {
                     self.link = link;

@@ -239,6 +239,28 @@ fn a_sleeping_consumer_is_woken() {
 }
 
 #[test]
+fn a_consumer_that_the_driver_cannot_connect_to_comes_again() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let mut subscriber = place.subscriber();
+    // The connection is made by the consumer and as yet unknown to the driver. Here it is as if its maker had not finished it.
+    let connections: Vec<_> =
+        place.shared_memory().into_iter().filter(|(name, _)| name.ends_with(".connection")).collect();
+    let [(connection, _)] = &connections[..] else { panic!("{connections:?}") };
+    let unfinished = fs::Permissions::from_mode(0o200);
+    fs::set_permissions(format!("/dev/shm/{connection}"), unfinished).unwrap();
+    let mut sequence = 0;
+    wait_until("a frame", || {
+        publish(&publisher, 7, sequence);
+        sequence += 1;
+        subscriber.next().unwrap().is_some()
+    });
+    let frames = drain(&mut subscriber).len() as u64;
+    (0..3).for_each(|more| _ = publish(&publisher, 7, sequence + more));
+    assert_eq!((drain(&mut subscriber).len(), subscriber.epochs()), (3, 1), "after {frames}");
+}
+
+#[test]
 fn a_second_driver_of_one_camera_is_refused() {
     let place = Place::new();
     let publisher = place.publisher();

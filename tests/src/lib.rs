@@ -22,6 +22,7 @@ pub mod scene;
 mod shared_memory;
 pub mod usb;
 pub mod usb3_vision;
+pub mod users;
 pub mod uvc;
 
 pub use shared_memory::SharedMemory;

@@ -27,6 +27,8 @@ pub(super) struct Link {
     listener: Option<Listener<Ipc>>,
     /// Missing where the driver is just about to make it.
     wake_word: Option<WakeWord>,
+    /// Frames announced and frames received at the last look.
+    last_look: Option<(u32, u64)>,
     pub(super) subscriber: Subscriber<Ipc, [u8], FrameHeader>,
     wake: WakeService,
     frames: FrameService,
@@ -40,7 +42,7 @@ impl Link {
         match subscriber.create() {
             Ok(subscriber) => {
                 let wake_word = open_wake_word(address)?;
-                Ok(Some(Link { listener: None, wake_word, subscriber, wake, frames }))
+                Ok(Some(Link { listener: None, wake_word, last_look: None, subscriber, wake, frames }))
             }
             Err(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
                 Err(IpcError::TooManyConsumers(address.frames_name().to_owned()))
@@ -119,12 +121,25 @@ impl Link {
         }
     }
 
-    /// Whether nothing is unread and nothing can come: there is no driver, or it uses other services under the same names.
-    pub(super) fn is_abandoned(&self, address: &Address) -> bool {
+    /// Whether nothing is unread and nothing can come: there is no driver, it uses other services under the same names, or it passes
+    /// this consumer by. `received` counts the frames that have arrived. To be asked after a silence.
+    pub(super) fn leads_nowhere(&mut self, received: u64, address: &Address) -> bool {
+        let is_passed_by = self.is_passed_by(received);
         if matches!(self.subscriber.has_samples(), Ok(true)) {
             return false;
         }
-        self.frames.dynamic_config().number_of_publishers() == 0 || !address.leads_to(&self.frames)
+        is_passed_by
+            || self.frames.dynamic_config().number_of_publishers() == 0
+            || !address.leads_to(&self.frames)
+    }
+
+    /// Whether the driver has announced frames since the last look and none of them arrived: it could not connect to this consumer when
+    /// it tried, and tries once.
+    fn is_passed_by(&mut self, received: u64) -> bool {
+        let Some(word) = &self.wake_word else { return false };
+        let now = (word.frames(), received);
+        let last = self.last_look.replace(now);
+        last.is_some_and(|last| last.0 != now.0 && last.1 == now.1)
     }
 }
 
