@@ -32,7 +32,7 @@ demo: packages ## Run the driver on a simulated camera, with a consumer beside i
 
 .PHONY: test
 test: packages test-packages ## Run every test
-	cargo test --workspace --locked
+	cargo test --workspace --locked --no-fail-fast
 
 .PHONY: lab
 lab: packages lab-packages $(LAB)/kernel ## Run the driver on emulated cameras behind a real kernel, in a virtual machine
