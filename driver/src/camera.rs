@@ -89,8 +89,8 @@ pub enum Event {
 pub struct Capture {
     /// The pixels.
     pub slot: Slot,
-    /// The device's own count of frames since `start`, freed from wrap-around: a step of `n` means that `n - 1` frames were
-    /// produced and never delivered.
+    /// The device's own count of frames since `start`, from 0, freed from wrap-around: as many as this are known to have been produced
+    /// before, whole, incomplete or never delivered.
     pub frame_id: u64,
     /// The device's clock in nanoseconds, at an instant that keeps its distance to the exposure; `None` where it has no clock.
     pub device_timestamp_ns: Option<u64>,
