@@ -235,6 +235,12 @@ impl Publisher {
     }
 }
 
+impl Drop for Publisher {
+    fn drop(&mut self) {
+        self.wake_word.keep_anew(&self.production());
+    }
+}
+
 /// Whether the next attempt may succeed: a predecessor stops, consumers let go, files are half made or half removed.
 fn may_pass(error: &IpcError) -> bool {
     matches!(

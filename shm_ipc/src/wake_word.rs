@@ -145,6 +145,16 @@ impl WakeWord {
         self.wide_at(COUNTING).store(production.counting, Ordering::Release);
     }
 
+    /// The driver's side, when it ends: where the page was removed behind its back, keeps that in another one.
+    pub(crate) fn keep_anew(&self, production: &Production) {
+        let is_gone =
+            fs::symlink_metadata(&self.path).is_err_and(|error| error.kind() == io::ErrorKind::NotFound);
+        // Where it fails, counting begins anew.
+        if is_gone && let Ok(another) = WakeWord::create(&self.path) {
+            another.keep(production);
+        }
+    }
+
     /// The driver's side: how far the camera has come, as the driver before kept it; `None` where there was none.
     pub(crate) fn kept(&self) -> Option<Production> {
         // Acquire, paired with the Release in `keep`.

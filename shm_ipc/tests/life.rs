@@ -203,6 +203,13 @@ fn a_consumer_that_slept_over_drivers_is_told_all_that_it_missed() {
     assert_eq!((sleeper.frames(), sleeper.lost(), sleeper.epochs()), (3, 21, 3));
 }
 
+/// As whoever cleans up shared memory does it.
+fn remove_page(place: &Place) {
+    let mut files = place.shared_memory().into_iter();
+    let (page, _) = files.find(|(name, _)| name.ends_with(".wake")).unwrap();
+    fs::remove_file(format!("/dev/shm/{page}")).unwrap();
+}
+
 #[test]
 fn where_nothing_is_left_of_the_driver_before_all_of_the_new_count_is_told() {
     let place = Place::new();
@@ -213,9 +220,23 @@ fn where_nothing_is_left_of_the_driver_before_all_of_the_new_count_is_told() {
         publisher.count_lost(3);
         publish(&publisher, publisher.begin_epoch(), 0);
         drop(publisher);
-        let pages = place.shared_memory().into_iter().filter(|(name, _)| name.ends_with(".wake"));
-        pages.for_each(|(page, _)| fs::remove_file(format!("/dev/shm/{page}")).unwrap());
+        remove_page(&place);
     }
+    assert_eq!(drain(&mut subscriber), [(0, 0), (0, 3)]);
+}
+
+#[test]
+fn a_driver_whose_page_was_removed_in_flight_leaves_another_one() {
+    let place = Place::new();
+    let mut subscriber = place.subscriber();
+    let publisher = place.publisher();
+    meet(&publisher, &mut subscriber);
+    publish(&publisher, publisher.begin_epoch(), 0);
+    remove_page(&place);
+    publisher.count_lost(3);
+    drop(publisher);
+    let publisher = place.publisher();
+    publish(&publisher, publisher.begin_epoch(), 0);
     assert_eq!(drain(&mut subscriber), [(0, 0), (0, 3)]);
 }
 
