@@ -15,8 +15,8 @@
 //! [`FrameHeader::produced`] runs on across epochs and across drivers, also killed ones. What a consumer lost between two frames is the
 //! difference of their `produced` minus one, whatever the reason: never whole, never published, or read too late. (How many of them were
 //! published within one epoch is the difference of `sequence` minus one.) Where [`FrameHeader::counting`] differs, the count began anew:
-//! the consumer lost `produced - 1` frames of the new count, and nothing tells what the old one ended with. That happens after the
-//! system was started, or where the camera's page in `/dev/shm` was removed while no driver ran.
+//! the consumer lost `produced - 1` frames of the new count, and nothing tells what the old one ended with. That happens only where the
+//! camera's page in `/dev/shm` was removed while no driver ran.
 //!
 //! Frames between two streams are not produced for anybody and not counted: of a camera that is closed, and those taken for a mask in
 //! generate-mode.
@@ -76,7 +76,7 @@ pub struct FrameHeader {
     pub epoch: u64,
     /// Place among the published frames of this epoch, from 0.
     pub sequence: u64,
-    /// The device's own count of this frame, widened so that it does not wrap.
+    /// The device's own count of this frame in this epoch, from 0, widened so that it does not wrap.
     pub device_frame_id: u64,
     /// Identity of the count `produced`: CLOCK_REALTIME in ns when it began. Written by
     /// [`Publisher::publish`](crate::Publisher::publish).

@@ -203,6 +203,10 @@ fn live(
     let end = (progress.now().0 + life.epochs, life.last_frames);
     let driver = stage.driver();
     wait_until("the end of a life", || {
+        sleepers
+            .iter_mut()
+            .filter(|sleeper| sleeper.span.is_none())
+            .for_each(|sleeper| sleeper.read(1, |_| ()));
         // Each once in a second or so.
         if let Some(sleeper) = sleepers.get_mut(dice.roll(600) as usize) {
             sleeper.read(dice.roll(2 * BUFFER), |_| ());
