@@ -78,7 +78,8 @@ pub trait Camera: Send {
 pub enum Event {
     /// The slot holds one whole frame.
     Complete(Capture),
-    /// The device sent a frame of which a part is missing; its pixels must not be used. The slot can be queued again.
+    /// The device sent a frame of which a part is missing; its pixels must not be used. It counts as lost: one for each frame of the
+    /// device, and none where the slot came back because a transfer ended. The slot can be queued again.
     Incomplete(Slot),
     /// No frame ended within the timeout.
     Timeout,
