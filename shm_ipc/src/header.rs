@@ -9,17 +9,6 @@
 //! | 128..192 | when it was | stamps; `send_monotonic_ns` is written last |
 //!
 //! The header sits directly before the pixels; its size is a multiple of 64, so pixels begin on a cache line.
-//!
-//! # Loss
-//!
-//! [`FrameHeader::produced`] runs on across epochs and across drivers, also killed ones. What a consumer lost between two frames is the
-//! difference of their `produced` minus one, whatever the reason: never whole, never published, or read too late. (How many of them were
-//! published within one epoch is the difference of `sequence` minus one.) Where [`FrameHeader::counting`] differs, the count began anew:
-//! the consumer lost `produced - 1` frames of the new count, and nothing tells what the old one ended with. That happens only where the
-//! camera's page in `/dev/shm` was removed while no driver ran.
-//!
-//! Frames between two streams are not produced for anybody and not counted: of a camera that is closed, and those taken for a mask in
-//! generate-mode.
 
 use std::fmt;
 use std::mem::{offset_of, size_of};
@@ -41,6 +30,17 @@ const LARGEST_SIDE: u32 = 65_535;
 /// What is to be known of a frame besides its pixels. The layout is part of the contract; see the table in this file.
 ///
 /// Any bytes are a valid `FrameHeader` in memory; [`FrameHeader::validate`] tells whether they make sense.
+///
+/// # Loss
+///
+/// `produced` runs on across epochs and across drivers, also killed ones. What a consumer lost between two frames is the difference of
+/// their `produced` minus one, whatever the reason: never whole, never published, or read too late. (How many frames were published in
+/// between, within one epoch, is the difference of `sequence` minus one.) Where `counting` differs, the count began anew: the consumer
+/// lost `produced - 1` frames of the new count, and nothing tells what the old one ended with. That happens only where the camera's page
+/// in `/dev/shm` was removed while no driver ran.
+///
+/// Frames between two streams are produced for nobody and not counted: of a camera that is closed, and those taken for a mask in
+/// generate-mode.
 #[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
 #[repr(C)]
 #[repr(align(64))]
@@ -81,8 +81,8 @@ pub struct FrameHeader {
     /// Identity of the count `produced`: CLOCK_REALTIME in ns when it began. Written by
     /// [`Publisher::publish`](crate::Publisher::publish).
     pub counting: u64,
-    /// Frames that the device is known to have produced up to and including this one, published or not: what a loss is told from, see
-    /// the head of this file. Written by [`Publisher::publish`](crate::Publisher::publish).
+    /// Frames that the device is known to have produced up to and including this one, published or not: what a
+    /// loss is told from. Written by [`Publisher::publish`](crate::Publisher::publish).
     pub produced: u64,
     /// Zero.
     pub reserved_order: [u64; 3],
