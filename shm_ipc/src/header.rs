@@ -81,8 +81,8 @@ pub struct FrameHeader {
     /// Identity of the count `produced`: CLOCK_REALTIME in ns when it began. Written by
     /// [`Publisher::publish`](crate::Publisher::publish).
     pub counting: u64,
-    /// Frames that the device is known to have produced up to and including this one, published or not: what a
-    /// loss is told from. Written by [`Publisher::publish`](crate::Publisher::publish).
+    /// Frames that the device is known to have produced up to and including this one, published or not: what a loss is told from. Written
+    /// by [`Publisher::publish`](crate::Publisher::publish).
     pub produced: u64,
     /// Zero.
     pub reserved_order: [u64; 3],

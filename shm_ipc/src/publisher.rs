@@ -51,8 +51,8 @@ pub struct Publisher {
 impl Publisher {
     /// Makes the services of `camera` and the memory for frames of `frame_bytes`, of which `loans` can be on loan at a time.
     ///
-    /// Cleans up after killed programs first, and counts on from where the driver before ended. A predecessor that is just stopping, and consumers that hold services made with
-    /// other settings, get 3 s to go. The memory of all slots is taken at once.
+    /// Cleans up after killed programs first, and counts on from where the driver before ended. A predecessor that is just stopping, and
+    /// consumers that hold services made with other settings, get 3 s to go. The memory of all slots is taken at once.
     ///
     /// # Errors
     /// [`IpcError`]: a setting or camera name that cannot be, another driver that publishes this camera, services of other
