@@ -78,7 +78,8 @@ pub trait Camera: Send {
 pub enum Event {
     /// The slot holds one whole frame.
     Complete(Capture),
-    /// The device sent a frame of which a part is missing; its pixels must not be used. The slot can be queued again.
+    /// The device sent a frame of which a part is missing; its pixels must not be used. It counts as lost: one for each frame of the
+    /// device, and none where the slot came back because a transfer ended. The slot can be queued again.
     Incomplete(Slot),
     /// No frame ended within the timeout.
     Timeout,
@@ -89,8 +90,8 @@ pub enum Event {
 pub struct Capture {
     /// The pixels.
     pub slot: Slot,
-    /// The device's own count of frames since `start`, freed from wrap-around: a step of `n` means that `n - 1` frames were
-    /// produced and never delivered.
+    /// The device's own count of frames since `start`, from 0, freed from wrap-around: as many as this are known to have been produced
+    /// before, whole, incomplete or never delivered.
     pub frame_id: u64,
     /// The device's clock in nanoseconds, at an instant that keeps its distance to the exposure; `None` where it has no clock.
     pub device_timestamp_ns: Option<u64>,

@@ -15,9 +15,9 @@ use crate::latency::LatencyHistogram;
 pub struct Counters {
     /// Frames sent.
     pub published: AtomicU64,
-    /// Frames that the device produced and this stream never published, for whatever reason.
+    /// Frames that the device is known to have produced and no stream published, for whatever reason.
     pub lost: AtomicU64,
-    /// Frames that arrived with a part missing.
+    /// Frames that arrived with a part missing; they are among the lost.
     pub incomplete: AtomicU64,
     /// Times that no free slot was there for the camera to fill.
     pub no_free_slot: AtomicU64,

@@ -3,7 +3,8 @@
 //! Laws of this path, from "complete" to "sent":
 //! - no allocation, no copy of pixels, no log, no wait for a consumer;
 //! - a frame that is not whole, or not masked as configured, is never sent;
-//! - what the device produced and this stream did not publish is counted in the next header.
+//! - what the device is known to have produced and this stream did not publish is counted as soon as it is known, and the next
+//!   header tells, be it of this epoch or of a later one.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
@@ -66,9 +67,25 @@ pub struct FramePath<'a> {
 pub struct Position {
     /// Slots that the camera holds.
     queued: usize,
-    last_published_id: Option<u64>,
+    last_whole_id: Option<u64>,
+    /// Frames that came incomplete since: they are counted already.
+    incomplete: u64,
     clock: FrameClock,
     next_temperature_ns: u64,
+}
+
+impl Position {
+    /// Frames that the device produced before the one with this id and that nobody has counted yet; `None` where ids do not grow: the
+    /// device was reset, and what it lost by that is not known.
+    #[inline]
+    fn gap_before(&self, frame_id: u64) -> Option<u64> {
+        let missing = match self.last_whole_id {
+            None => frame_id,
+            Some(last) => frame_id.checked_sub(last)?.checked_sub(1)?,
+        };
+        // An incomplete frame has no id of its own, but a place among the missing ones, unless the device does not count.
+        Some(missing.saturating_sub(self.incomplete))
+    }
 }
 
 impl FramePath<'_> {
@@ -100,10 +117,12 @@ impl FramePath<'_> {
                     if let Some(streaming) = streaming.take() {
                         streaming();
                     }
-                    self.publish(capture)?;
+                    self.publish(capture).inspect_err(|_| self.lose(1))?;
                     self.take_temperature(arrival_ns);
                 }
                 Event::Incomplete(slot) => {
+                    self.lose(1);
+                    self.position.incomplete += 1;
                     add(&self.counters.incomplete, 1);
                     self.camera.queue(slot)?;
                     silence.lasts(&self.camera.identity().serial, 1)?;
@@ -118,14 +137,18 @@ impl FramePath<'_> {
 
     fn publish(&mut self, capture: Capture) -> Result<(), Error> {
         let Capture { mut slot, frame_id, device_timestamp_ns, arrival_monotonic_ns } = capture;
-        self.header.lost_before = match self.position.last_published_id {
-            None => {
-                self.position.clock = FrameClock::new(self.camera.device_clock());
-                0
-            }
-            Some(last) if frame_id > last => frame_id - last - 1,
-            Some(last) => return Err(self.failed(format!("frame id {frame_id} follows {last}")).into()),
+        let Some(gap) = self.position.gap_before(frame_id) else {
+            let last = self.position.last_whole_id.unwrap_or_default();
+            return Err(self.failed(format!("frame id {frame_id} follows {last}")).into());
         };
+        if gap > 0 {
+            self.lose(gap);
+        }
+        if self.position.last_whole_id.is_none() {
+            self.position.clock = FrameClock::new(self.camera.device_clock());
+        }
+        self.position.last_whole_id = Some(frame_id);
+        self.position.incomplete = 0;
         self.apply_mask(&mut slot)?;
         let masked_ns = monotonic_ns();
         self.header.device_frame_id = frame_id;
@@ -139,10 +162,14 @@ impl FramePath<'_> {
         self.counters.arrival_to_masked.record(masked_ns.saturating_sub(arrival_monotonic_ns));
         self.counters.masked_to_sent.record(sent_ns.saturating_sub(masked_ns));
         self.header.sequence += 1;
-        self.position.last_published_id = Some(frame_id);
-        add(&self.counters.lost, self.header.lost_before);
         add(&self.counters.published, 1);
         Ok(())
+    }
+
+    /// Counts frames that the device produced and that will not be published.
+    fn lose(&self, frames: u64) {
+        self.publisher.count_lost(frames);
+        add(&self.counters.lost, frames);
     }
 
     fn apply_mask(&mut self, slot: &mut Slot) -> Result<(), Error> {

@@ -1,7 +1,7 @@
 //! Generate-mode: the frame path with another ending. Lit frames go to the mask's generator instead of to consumers.
 //!
 //! A camera's thread walks it between two epochs of its stream. What follows (files, answers) is other threads' work; they get the
-//! [`Order`] back when the camera has its flight settings again.
+//! [`Order`] back when the camera has its flight settings again. Lit frames are no part of a stream: no consumer has lost them.
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -81,8 +81,9 @@ impl Reporter {
         self.record = Health {
             written_monotonic_ns: monotonic_ns(),
             published: count(&counters.published),
-            lost: count(&counters.lost),
+            // In this order: the camera's thread counts the other way round, and the second holds the first.
             incomplete: count(&counters.incomplete),
+            lost: count(&counters.lost),
             no_free_slot: count(&counters.no_free_slot),
             epochs: count(&counters.epochs),
             failures: count(&counters.failures),

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use uvcam_shm_ipc::{Flags, FrameHeader, Publisher, realtime_ns};
+use uvcam_shm_ipc::{Flags, FrameHeader, Publisher};
 
 use crate::camera::aravis::Finder;
 use crate::camera::replay::ReplayCamera;
@@ -226,8 +226,8 @@ impl Supervisor {
         loop {
             self.counters.live();
             let applied = camera.configure(&self.camera.settings)?;
-            let header = self.header(&applied, mask);
             let publisher = self.publisher_for(applied.payload_bytes)?;
+            let header = self.header(&applied, mask, publisher.begin_epoch());
             let mut path = FramePath {
                 camera,
                 applied: &applied,
@@ -295,10 +295,10 @@ impl Supervisor {
     }
 
     /// What stays the same over one epoch.
-    fn header(&self, applied: &Applied, mask: &MaskInForce) -> FrameHeader {
+    fn header(&self, applied: &Applied, mask: &MaskInForce, epoch: u64) -> FrameHeader {
         let mut header =
             FrameHeader::new(applied.width, applied.height, applied.stride, applied.pixel_format);
-        header.epoch = realtime_ns();
+        header.epoch = epoch;
         header.frame_period_ns = (1e9 / applied.fps) as u64;
         header.exposure_us = applied.exposure_us;
         header.gain_db = applied.gain_db;

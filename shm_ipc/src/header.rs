@@ -22,7 +22,7 @@ use crate::pixel_format::{PixelFormat, UnknownPixelFormat};
 pub const MAGIC: u32 = u32::from_le_bytes(*b"UVCM");
 
 /// Version of the contract, in the header and in the names of the services. A change of layout or meaning raises it.
-pub const CONTRACT_VERSION: u16 = 1;
+pub const CONTRACT_VERSION: u16 = 2;
 
 /// Largest width and height of a frame, in pixels: a bound against nonsense, above any camera.
 const LARGEST_SIDE: u32 = 65_535;
@@ -30,6 +30,17 @@ const LARGEST_SIDE: u32 = 65_535;
 /// What is to be known of a frame besides its pixels. The layout is part of the contract; see the table in this file.
 ///
 /// Any bytes are a valid `FrameHeader` in memory; [`FrameHeader::validate`] tells whether they make sense.
+///
+/// # Loss
+///
+/// `produced` runs on across epochs and across drivers, also killed ones. What a consumer lost between two frames is the difference of
+/// their `produced` minus one, whatever the reason: never whole, never published, or read too late. (How many frames were published in
+/// between, within one epoch, is the difference of `sequence` minus one.) Where `counting` differs, the count began anew: the consumer
+/// lost `produced - 1` frames of the new count, and nothing tells what the old one ended with. That happens only where the camera's page
+/// in `/dev/shm` was removed while no driver ran.
+///
+/// Frames between two streams are produced for nobody and not counted: of a camera that is closed, and those taken for a mask in
+/// generate-mode.
 #[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
 #[repr(C)]
 #[repr(align(64))]
@@ -61,17 +72,18 @@ pub struct FrameHeader {
     pub gain_db: f64,
 
     /// Identity of an uninterrupted stream: new at every start of the driver and every reconnection of the camera. CLOCK_REALTIME
-    /// in ns when the stream began, so that it rises.
+    /// in ns when the stream began; one more than the epoch before where that clock was set back, so that it rises.
     pub epoch: u64,
     /// Place among the published frames of this epoch, from 0.
     pub sequence: u64,
-    /// The device's own count of this frame, widened so that it does not wrap.
+    /// The device's own count of this frame in this epoch, from 0, widened so that it does not wrap.
     pub device_frame_id: u64,
-    /// Frames that the device produced and this stream never published, since the frame before; 0 on the first of an epoch.
-    pub lost_before: u64,
-    /// Sum of `lost_before` over this epoch, this frame included. Written by [`Publisher::publish`](crate::Publisher::publish): tells
-    /// a consumer that missed frames what these would have told it.
-    pub lost_in_epoch: u64,
+    /// Identity of the count `produced`: CLOCK_REALTIME in ns when it began. Written by
+    /// [`Publisher::publish`](crate::Publisher::publish).
+    pub counting: u64,
+    /// Frames that the device is known to have produced up to and including this one, published or not: what a loss is told from. Written
+    /// by [`Publisher::publish`](crate::Publisher::publish).
+    pub produced: u64,
     /// Zero.
     pub reserved_order: [u64; 3],
 
@@ -102,7 +114,7 @@ macro_rules! assert_offsets {
 assert_offsets! {
     magic: 0, contract_version: 4, header_size: 6, width: 8, height: 12, stride: 16, pixel_format: 20, flags: 24,
     reserved_picture: 28, mask_id: 32, exposure_us: 48, gain_db: 56,
-    epoch: 64, sequence: 72, device_frame_id: 80, lost_before: 88, lost_in_epoch: 96, reserved_order: 104,
+    epoch: 64, sequence: 72, device_frame_id: 80, counting: 88, produced: 96, reserved_order: 104,
     frame_period_ns: 128, device_timestamp_ns: 136, arrival_monotonic_ns: 144, send_monotonic_ns: 152,
     mid_exposure_monotonic_ns: 160, mid_exposure_realtime_ns: 168, mid_exposure_uncertainty_ns: 176, reserved_time: 184,
 }

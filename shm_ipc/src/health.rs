@@ -1,6 +1,6 @@
 //! How a camera is: one record of plain data, kept up to date by its driver.
 //!
-//! The service `uvcam/v1/<camera>/health` is publish-subscribe of [`Health`] with a history of one: a reader gets the newest record as
+//! The service `uvcam/v2/<camera>/health` is publish-subscribe of [`Health`] with a history of one: a reader gets the newest record as
 //! soon as the driver has seen it, and a new one at least every second and with every change of state. A reader that does not look has
 //! only the newest waiting. Nothing here is near the path of a frame.
 //!
@@ -156,9 +156,10 @@ pub struct Health {
 
     /// Frames sent, since the driver started, as all counters.
     pub published: u64,
-    /// Frames that the device produced and no stream published: gaps in the device's own frame ids.
+    /// Frames that the device is known to have produced and no stream published: those that arrived with a part missing, and gaps in the
+    /// device's own frame ids. With `published`, all that [`FrameHeader::produced`](crate::FrameHeader::produced) counted since.
     pub lost: u64,
-    /// Frames that arrived with a part missing; they are among the lost as soon as a frame follows them.
+    /// Frames that arrived with a part missing; they are among the lost.
     pub incomplete: u64,
     /// Times that no free slot was there for the camera to fill.
     pub no_free_slot: u64,

@@ -3,7 +3,7 @@
 //! A consumer needs this crate alone. The driver fills a [`Slot`] of shared memory and publishes it with a [`FrameHeader`];
 //! a consumer reads the same memory as a [`Frame`]. Nobody copies pixels.
 //!
-//! One camera is four iceoryx2 services: `uvcam/v1/<camera>/frames` carries the frames, `uvcam/v1/<camera>/wake` is the event for a
+//! One camera is four iceoryx2 services: `uvcam/v2/<camera>/frames` carries the frames, `uvcam/v2/<camera>/wake` is the event for a
 //! `WaitSet`, [`health`] tells how the camera is, and [`control`] takes questions. A consumer that only waits for a frame sleeps on a
 //! futex instead ([`Wakeup`]). The driver alone creates them; driver and consumers agree on [`Settings::prefix`] and
 //! [`Settings::root_path`], and
@@ -21,6 +21,7 @@ mod header;
 pub mod health;
 mod pixel_format;
 mod prediction;
+mod production;
 mod publisher;
 mod resident;
 mod service;

@@ -64,7 +64,7 @@ impl Prediction {
     pub(crate) fn frame(&mut self, header: &FrameHeader) {
         self.used = false;
         let frame_period_ns = header.frame_period_ns as f64;
-        let index = header.sequence.saturating_add(header.lost_in_epoch);
+        let index = header.produced;
         let goes_on = self.seen.back().is_none_or(|last| last.index < index);
         if !goes_on || (header.epoch, frame_period_ns) != (self.epoch, self.frame_period_ns) {
             self.seen.clear();
@@ -221,9 +221,9 @@ mod tests {
     /// After `frames` that were sent at these times.
     fn after(frames: u64, sent_ns: impl Fn(u64) -> u64) -> Prediction {
         let mut prediction = Prediction::default();
-        for sequence in 0..frames {
-            let header = header(PERIOD_NS, START_NS + sent_ns(sequence));
-            prediction.frame(&FrameHeader { sequence, ..header });
+        for produced in 0..frames {
+            let header = header(PERIOD_NS, START_NS + sent_ns(produced));
+            prediction.frame(&FrameHeader { produced, ..header });
         }
         prediction
     }
@@ -239,11 +239,11 @@ mod tests {
     fn see(frames: u64, sent_ns: impl Fn(u64) -> u64, oversleep_ns: impl Fn(u64) -> u64) -> Outcome {
         let mut prediction = Prediction::default();
         let (mut found, mut watched_ns) = (0, 0);
-        for sequence in 0..frames {
-            let (now_ns, next_ns) = (START_NS + sent_ns(sequence), START_NS + sent_ns(sequence + 1));
-            prediction.frame(&FrameHeader { sequence, ..header(PERIOD_NS, now_ns) });
+        for produced in 0..frames {
+            let (now_ns, next_ns) = (START_NS + sent_ns(produced), START_NS + sent_ns(produced + 1));
+            prediction.frame(&FrameHeader { produced, ..header(PERIOD_NS, now_ns) });
             let Some(watch) = prediction.next(now_ns) else { continue };
-            let woke_ns = watch.wake_ns.max(now_ns).min(next_ns) + oversleep_ns(sequence);
+            let woke_ns = watch.wake_ns.max(now_ns).min(next_ns) + oversleep_ns(produced);
             if woke_ns >= watch.wake_ns {
                 prediction.overslept(watch.wake_ns, woke_ns);
             }
@@ -318,7 +318,7 @@ mod tests {
     fn frames_that_the_device_lost_are_part_of_the_rhythm() {
         let mut prediction = after(100, |frame| frame * PERIOD_NS);
         let last = header(PERIOD_NS, START_NS + 107 * PERIOD_NS);
-        prediction.frame(&FrameHeader { sequence: 100, lost_in_epoch: 7, ..last });
+        prediction.frame(&FrameHeader { produced: 107, ..last });
         let watch = prediction.next(START_NS).unwrap();
         let due_ns = START_NS + 108 * PERIOD_NS;
         assert!((watch.wake_ns..watch.wake_ns + watch.budget_ns).contains(&due_ns), "{watch:?}");
@@ -328,7 +328,7 @@ mod tests {
     fn another_rate_is_followed_from_its_first_frame_on() {
         let mut prediction = after(100, |frame| frame * PERIOD_NS);
         let last = header(50_000_000, START_NS + 300 * PERIOD_NS);
-        prediction.frame(&FrameHeader { sequence: 100, ..last });
+        prediction.frame(&FrameHeader { produced: 100, ..last });
         let watch = prediction.next(START_NS).unwrap();
         let due_ns = START_NS + 300 * PERIOD_NS + 50_000_000;
         assert!((watch.wake_ns..watch.wake_ns + watch.budget_ns).contains(&due_ns), "{watch:?}");
@@ -346,11 +346,11 @@ mod tests {
     #[test]
     fn headers_that_lie_cost_no_more_than_the_bound() {
         for (period_ns, sent_ns) in [(0, 0), (u64::MAX, u64::MAX), (1, u64::MAX), (u64::MAX, 0)] {
-            for sequence in [0, 3, 1000, u64::MAX] {
+            for produced in [0, 3, 1000, u64::MAX] {
                 let mut prediction = after(3, |frame| frame * PERIOD_NS);
                 for more in 0..40 {
                     let header = header(period_ns, sent_ns);
-                    prediction.frame(&FrameHeader { sequence: sequence.saturating_add(more), ..header });
+                    prediction.frame(&FrameHeader { produced: produced.saturating_add(more), ..header });
                     if let Some(watch) = prediction.next(0) {
                         assert!(watch.budget_ns <= MOST_WATCHED_NS as u64);
                     }

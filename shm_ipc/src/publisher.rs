@@ -8,7 +8,7 @@
 
 use std::error::Error;
 use std::io;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::DegradationAction;
@@ -19,9 +19,10 @@ use iceoryx2::sample_mut::SampleMut;
 use rustix::fs::statvfs;
 
 use crate::cleanup::{cleanup, half_made};
-use crate::clock::monotonic_ns;
+use crate::clock::{monotonic_ns, realtime_ns};
 use crate::error::{IpcError, LoanError};
 use crate::header::FrameHeader;
+use crate::production::Production;
 use crate::resident;
 use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::settings::{SHARED_MEMORY, Settings, shared_memory_needed, slots_needed};
@@ -35,8 +36,8 @@ const RETRY: Duration = Duration::from_millis(20);
 /// Publishes the frames of one camera. There is one for each camera on a host.
 #[derive(Debug)]
 pub struct Publisher {
-    // Dropped in this order: a successor that finds no publisher finds no notifier either, and the name of the wake word is free.
-    wake_word: Removed,
+    // Dropped in this order: a successor that finds no publisher finds no notifier either, and nobody who writes to the wake word's page.
+    wake_word: WakeWord,
     notifier: Notifier<Ipc>,
     publisher: iceoryx2::port::publisher::Publisher<Ipc, [u8], FrameHeader>,
     wake: WakeService,
@@ -44,31 +45,15 @@ pub struct Publisher {
     address: Address,
     frame_bytes: usize,
     loans: usize,
-    loss: Mutex<Loss>,
-}
-
-/// The wake word; its file goes with it.
-#[derive(Debug)]
-struct Removed(WakeWord);
-
-impl Drop for Removed {
-    fn drop(&mut self) {
-        self.0.remove();
-    }
-}
-
-/// What [`FrameHeader::lost_in_epoch`] sums up.
-#[derive(Debug, Default)]
-struct Loss {
-    epoch: u64,
-    lost: u64,
+    /// Locked by who publishes, which is one thread.
+    production: Mutex<Production>,
 }
 
 impl Publisher {
     /// Makes the services of `camera` and the memory for frames of `frame_bytes`, of which `loans` can be on loan at a time.
     ///
-    /// Cleans up after killed programs first. A predecessor that is just stopping, and consumers that hold services made with
-    /// other settings, get 3 s to go. The memory of all slots is taken at once.
+    /// Cleans up after killed programs first, and counts on from where the driver before ended. A predecessor that is just stopping, and
+    /// consumers that hold services made with other settings, get 3 s to go. The memory of all slots is taken at once.
     ///
     /// # Errors
     /// [`IpcError`]: a setting or camera name that cannot be, another driver that publishes this camera, services of other
@@ -139,8 +124,9 @@ impl Publisher {
         let wake_word = WakeWord::create(&path).map_err(|source| {
             address.failed("creating the wake word", &path.display().to_string(), source)
         })?;
+        let production = Production::resume(wake_word.kept(), realtime_ns());
         let publisher = Publisher {
-            wake_word: Removed(wake_word),
+            wake_word,
             notifier,
             publisher,
             wake,
@@ -148,7 +134,7 @@ impl Publisher {
             address,
             frame_bytes,
             loans,
-            loss: Mutex::default(),
+            production: Mutex::new(production),
         };
         publisher.take_memory()?;
         Ok(publisher)
@@ -182,18 +168,43 @@ impl Publisher {
 
     /// Sends a filled slot under a copy of `header`, wakes consumers that sleep, and returns how many consumers got it.
     ///
-    /// Never waits: a consumer whose buffer is full loses its oldest frame. Fills `lost_in_epoch` and `send_monotonic_ns`.
+    /// Never waits: a consumer whose buffer is full loses its oldest frame. Fills `counting`, `produced` and `send_monotonic_ns`.
     ///
     /// # Errors
-    /// [`IpcError::Header`] where the header does not describe the slot; [`IpcError::System`] where iceoryx2 fails.
+    /// [`IpcError::Header`] where the header does not describe the slot; [`IpcError::System`] where iceoryx2 fails. The frame was then
+    /// not counted: it is one for [`Publisher::count_lost`].
     #[inline]
     pub fn publish(&self, mut slot: Slot, header: &FrameHeader) -> Result<usize, IpcError> {
         header.validate(slot.len())?;
+        let mut production = self.production();
+        let produced = production.after(1);
+        // Before the frame goes out: a driver that is killed in between has lost it, and its successor's first frame says so.
+        self.wake_word.keep(&produced);
         let sent = slot.sample.user_header_mut();
         *sent = *header;
-        sent.lost_in_epoch = self.sum_up_loss(header);
+        sent.counting = produced.counting;
+        sent.produced = produced.produced;
         sent.send_monotonic_ns = monotonic_ns();
-        self.send(slot)
+        let reached = self.send(slot)?;
+        *production = produced;
+        Ok(reached)
+    }
+
+    /// Counts frames that the device produced and that will not be published: the next frame tells, of whichever epoch.
+    #[inline]
+    pub fn count_lost(&self, frames: u64) {
+        let mut production = self.production();
+        *production = production.after(frames);
+        self.wake_word.keep(&production);
+    }
+
+    /// Begins an epoch, and returns its identity for [`FrameHeader::epoch`]: CLOCK_REALTIME in ns, always above the one before, whoever
+    /// began that.
+    pub fn begin_epoch(&self) -> u64 {
+        let mut production = self.production();
+        *production = production.in_next_epoch(realtime_ns());
+        self.wake_word.keep(&production);
+        production.epoch
     }
 
     /// iceoryx2's part of it, which stays in one piece: spread over its caller, it becomes slower.
@@ -202,7 +213,7 @@ impl Publisher {
         let reached = slot.sample.send().map_err(|source| {
             self.address.failed("sending a frame through", self.address.frames_name(), source)
         })?;
-        self.wake_word.0.announce();
+        self.wake_word.announce();
         if self.wake.dynamic_config().number_of_listeners() > 0 {
             // As for the wake word: who cannot be woken finds the frame when its own wait ends.
             let _ = self.notifier.notify();
@@ -220,13 +231,16 @@ impl Publisher {
         self.frame_bytes
     }
 
-    fn sum_up_loss(&self, header: &FrameHeader) -> u64 {
-        let mut loss = self.loss.lock().unwrap_or_else(PoisonError::into_inner);
-        if loss.epoch != header.epoch {
-            *loss = Loss { epoch: header.epoch, lost: 0 };
-        }
-        loss.lost = loss.lost.saturating_add(header.lost_before);
-        loss.lost
+    #[inline]
+    fn production(&self) -> MutexGuard<'_, Production> {
+        // Plain numbers: valid whatever happened to another holder.
+        self.production.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Publisher {
+    fn drop(&mut self) {
+        self.wake_word.keep_anew(&self.production());
     }
 }
 

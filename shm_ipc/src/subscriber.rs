@@ -6,6 +6,7 @@
 //!    under a reader's eyes, never sizes: these come from the copy.
 //! 3. What iceoryx2 itself keeps in shared memory is trusted: driver and consumers run under one user.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use iceoryx2::node::Node;
@@ -49,6 +50,8 @@ pub struct Subscriber {
     prediction: Prediction,
     /// Came while it was watched for.
     watched: Option<Sample<Ipc, [u8], FrameHeader>>,
+    /// One more for each frame in the caller's hands.
+    held: Arc<()>,
     frames: u64,
     lost: u64,
     epochs: u64,
@@ -75,6 +78,7 @@ impl Subscriber {
             wakeup: Wakeup::default(),
             prediction: Prediction::default(),
             watched: None,
+            held: Arc::default(),
             frames: 0,
             lost: 0,
             epochs: 0,
@@ -99,7 +103,8 @@ impl Subscriber {
             match header.validate(sample.payload().len()) {
                 Ok(image_bytes) => {
                     let step = self.accept(&header, now_ns);
-                    return Ok(Some(Frame { sample, header, image_bytes, step }));
+                    let held = Arc::clone(&self.held);
+                    return Ok(Some(Frame { sample, header, image_bytes, step, _held: held }));
                 }
                 Err(_) => self.rejected += 1,
             }
@@ -149,12 +154,13 @@ impl Subscriber {
             if left.is_zero() {
                 return Ok(false);
             }
+            let has_room = !self.is_full_handed();
             match &mut self.link {
                 None => std::thread::sleep(left.min(RETRY)),
                 Some(link) if self.wakeup == Wakeup::Event => link.listen(left.min(NAP), &self.address)?,
                 Some(link) => {
                     let watch = match self.wakeup {
-                        Wakeup::Predictive => self.prediction.next(now_ns),
+                        Wakeup::Predictive if has_room => self.prediction.next(now_ns),
                         _ => None,
                     };
                     let nap = left.min(NAP);
@@ -217,15 +223,28 @@ impl Subscriber {
         if let Some(sample) = self.watched.take() {
             return Ok(Some(sample));
         }
+        if self.is_full_handed() {
+            return if self.has_unread() { Err(self.too_many_held()) } else { Ok(None) };
+        }
         let Some(link) = &self.link else { return Ok(None) };
         match link.subscriber.receive() {
             Ok(sample) => Ok(sample),
-            Err(ReceiveError::ExceedsMaxBorrows) => Err(IpcError::TooManyHeld(self.address.camera.clone())),
+            Err(ReceiveError::ExceedsMaxBorrows) => Err(self.too_many_held()),
             Err(ReceiveError::ConnectionFailure(_)) => {
                 self.let_go();
                 Ok(None)
             }
         }
+    }
+
+    /// Whether the caller holds as many frames as it may. iceoryx2 counts them by publisher: where all are of a driver that is gone, it
+    /// would pass over the rest of that one's frames and give out its successor's.
+    fn is_full_handed(&self) -> bool {
+        self.link.as_ref().is_some_and(|link| Arc::strong_count(&self.held) > link.most_held())
+    }
+
+    fn too_many_held(&self) -> IpcError {
+        IpcError::TooManyHeld(self.address.camera.clone())
     }
 
     fn has_unread(&mut self) -> bool {
@@ -296,6 +315,7 @@ pub struct Frame {
     header: FrameHeader,
     image_bytes: usize,
     step: Step,
+    _held: Arc<()>,
 }
 
 impl Frame {
@@ -310,7 +330,8 @@ impl Frame {
     }
 
     /// Frames that the device produced since the frame before and that did not reach this consumer: those that were never published
-    /// and those that it was too slow to read. Frames before the first one are nobody's loss.
+    /// and those that it was too slow to read, also where epochs and drivers have changed since. Frames before the first one are
+    /// nobody's loss.
     pub fn lost_before(&self) -> u64 {
         self.step.lost
     }

@@ -1,7 +1,8 @@
 //! The wake word: how a driver wakes consumers that only wait for a frame, in about half of the time that an event takes.
 //!
-//! One page of shared memory for each camera, `/dev/shm/<prefix><camera>.wake`, which the driver makes with its publisher and removes
-//! when it stops. Part of the contract, little-endian:
+//! One page of shared memory for each camera, `/dev/shm/<prefix><camera>.wake`, which the driver makes with its publisher. It stays when
+//! the driver stops or is killed, as it also keeps how far the camera has come, from where the next driver goes on. Part of the contract,
+//! little-endian:
 //!
 //! | bytes | what |
 //! | --- | --- |
@@ -9,6 +10,9 @@
 //! | 4..8 | [`CONTRACT_VERSION`] |
 //! | 64..68 | the wake word, a futex (futex(2)) that processes share |
 //! | 68..72 | the core that the driver last sent from, counted from 1; 0 where it does not say |
+//! | 128..136 | `counting` of the last frame; 0 where nothing was counted yet |
+//! | 136..144 | `produced`, with the lost frames that no frame has told of yet |
+//! | 144..152 | the last epoch |
 //!
 //! Bit 0 of the word says that somebody sleeps; the other bits count frames and wrap.
 //!
@@ -17,7 +21,7 @@
 //! * A consumer reads the word, looks for a frame, sets bit 0 where it finds none, and sleeps as long as the word is what it made it. A
 //!   frame sent in between changes the word, so that no wake-up is missed.
 //! * Count and bit are one word: whoever dies, at whatever point, leaves nothing behind that the next frame does not clear. A driver
-//!   that starts takes over the page of one that was killed, sleepers included.
+//!   that starts takes over the page of the one before, sleepers included.
 //! * A consumer watches for a frame on another core than the driver's only: there it would keep the driver from sending it.
 //! * A sleep ends after 100 ms at the latest, for a look at whether driver and page are still the right ones.
 //!
@@ -32,7 +36,7 @@ use std::num::NonZeroU64;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::ptr::{self, NonNull};
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
 use rustix::fs::{FallocateFlags, fallocate};
@@ -43,6 +47,7 @@ use rustix::thread::{
 };
 
 use crate::header::CONTRACT_VERSION;
+use crate::production::Production;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"UVCW");
 const PAGE_BYTES: usize = 4096;
@@ -50,6 +55,10 @@ const PAGE_BYTES: usize = 4096;
 const WORD: usize = 16;
 /// Where the driver's core lies, beside it: both are written with each frame.
 const CORE: usize = 17;
+/// Where the three numbers of a [`Production`] lie, in units of eight bytes: on a cache line that no consumer reads.
+const COUNTING: usize = 16;
+const PRODUCED: usize = 17;
+const EPOCH: usize = 18;
 /// Somebody sleeps.
 const ASLEEP: u32 = 1;
 
@@ -68,13 +77,17 @@ unsafe impl Send for WakeWord {}
 unsafe impl Sync for WakeWord {}
 
 impl WakeWord {
-    /// The driver's side: makes the page, or takes over the one of a driver that was killed.
+    /// The driver's side: makes the page, or takes over the one of the driver before.
     pub(crate) fn create(path: &Path) -> io::Result<WakeWord> {
         let file =
             OpenOptions::new().read(true).write(true).create(true).mode(0o600).truncate(false).open(path)?;
         // Taken now: to write to a page that a full /dev/shm does not have ends a process with SIGBUS.
         fallocate(&file, FallocateFlags::empty(), 0, PAGE_BYTES as u64)?;
         let word = WakeWord::map(&file, path)?;
+        if !word.is_ours() {
+            // What another version kept there means something else, or nothing.
+            word.keep(&Production { counting: 0, produced: 0, epoch: 0 });
+        }
         word.at(1).store(u32::from(CONTRACT_VERSION), Ordering::Relaxed);
         // Release, paired with the Acquire in `open`: who sees the magic sees the version.
         word.at(0).store(MAGIC, Ordering::Release);
@@ -91,10 +104,14 @@ impl WakeWord {
             return Ok(None);
         }
         let word = WakeWord::map(&file, path)?;
+        Ok(word.is_ours().then_some(word))
+    }
+
+    /// Whether the page is finished, and of this contract.
+    fn is_ours(&self) -> bool {
         // Acquire, paired with the Release in `create`.
-        let ours = word.at(0).load(Ordering::Acquire) == MAGIC
-            && word.at(1).load(Ordering::Relaxed) == u32::from(CONTRACT_VERSION);
-        Ok(ours.then_some(word))
+        self.at(0).load(Ordering::Acquire) == MAGIC
+            && self.at(1).load(Ordering::Relaxed) == u32::from(CONTRACT_VERSION)
     }
 
     fn map(file: &File, path: &Path) -> io::Result<WakeWord> {
@@ -110,6 +127,40 @@ impl WakeWord {
         debug_assert!(place < PAGE_BYTES / size_of::<AtomicU32>());
         // SAFETY: laws 1 and 2; every place used here lies in the page.
         unsafe { self.page.add(place).as_ref() }
+    }
+
+    fn wide_at(&self, place: usize) -> &AtomicU64 {
+        debug_assert!(place < PAGE_BYTES / size_of::<AtomicU64>());
+        // SAFETY: laws 1 and 2; every place used here lies in the page, whose start is aligned for any number.
+        unsafe { self.page.cast::<AtomicU64>().add(place).as_ref() }
+    }
+
+    /// The driver's side: keeps how far the camera has come for whoever drives it next.
+    #[inline]
+    pub(crate) fn keep(&self, production: &Production) {
+        // Relaxed: read by a driver that finds this one gone.
+        self.wide_at(PRODUCED).store(production.produced, Ordering::Relaxed);
+        self.wide_at(EPOCH).store(production.epoch, Ordering::Relaxed);
+        // Release: in a new page, what is counted is there before its identity, wherever the driver is killed.
+        self.wide_at(COUNTING).store(production.counting, Ordering::Release);
+    }
+
+    /// The driver's side, when it ends: where the page was removed behind its back, keeps that in another one.
+    pub(crate) fn keep_anew(&self, production: &Production) {
+        let is_gone =
+            fs::symlink_metadata(&self.path).is_err_and(|error| error.kind() == io::ErrorKind::NotFound);
+        // Where it fails, counting begins anew.
+        if is_gone && let Ok(another) = WakeWord::create(&self.path) {
+            another.keep(production);
+        }
+    }
+
+    /// The driver's side: how far the camera has come, as the driver before kept it; `None` where there was none.
+    pub(crate) fn kept(&self) -> Option<Production> {
+        // Acquire, paired with the Release in `keep`.
+        let counting = self.wide_at(COUNTING).load(Ordering::Acquire);
+        let [produced, epoch] = [PRODUCED, EPOCH].map(|place| self.wide_at(place).load(Ordering::Relaxed));
+        (counting != 0).then_some(Production { counting, produced, epoch })
     }
 
     /// The driver's side: a frame was sent. Wakes whoever sleeps.
@@ -170,16 +221,9 @@ impl WakeWord {
         Some(Aside { usual })
     }
 
-    /// Whether its name still leads to this page: a driver that starts anew makes another one.
+    /// Whether its name still leads to this page: where it was removed, the next driver makes another one.
     pub(crate) fn is_current(&self) -> bool {
         fs::metadata(&self.path).is_ok_and(|found| (found.dev(), found.ino()) == self.file)
-    }
-
-    /// The driver's side, while no other driver can have taken the page over: removes the file. Who has it mapped keeps it.
-    pub(crate) fn remove(&self) {
-        if self.is_current() {
-            let _ = fs::remove_file(&self.path);
-        }
     }
 }
 
@@ -324,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn a_driver_takes_over_the_page_of_a_killed_one_and_makes_another_after_a_clean_end() {
+    fn a_driver_takes_over_the_page_of_the_one_before_and_makes_another_where_it_was_removed() {
         let (_folder, path) = page();
         assert!(WakeWord::open(&path).unwrap().is_none());
         let first = WakeWord::create(&path).unwrap();
@@ -335,13 +379,35 @@ mod tests {
         let seen = consumer.frames();
         second.announce();
         assert_ne!(consumer.frames(), seen);
-        second.remove();
+        assert!(consumer.is_current());
+        fs::remove_file(&path).unwrap();
         assert!(!consumer.is_current());
         let third = WakeWord::create(&path).unwrap();
         assert!(!consumer.is_current() && third.is_current());
-        // The one before does not remove what is its successor's.
-        second.remove();
-        assert!(third.is_current());
+    }
+
+    #[test]
+    fn what_a_driver_keeps_is_found_by_the_next() {
+        let (_folder, path) = page();
+        let first = WakeWord::create(&path).unwrap();
+        assert_eq!(first.kept(), None);
+        let production = Production { counting: 1, produced: u64::from(u32::MAX) + 7, epoch: 3 };
+        first.keep(&production);
+        first.announce();
+        drop(first);
+        assert_eq!(WakeWord::create(&path).unwrap().kept(), Some(production));
+        assert_eq!(WakeWord::open(&path).unwrap().unwrap().frames(), 2);
+    }
+
+    #[test]
+    fn what_a_driver_of_another_contract_kept_is_not_believed() {
+        let (_folder, path) = page();
+        for place in [0, 1] {
+            let driver = WakeWord::create(&path).unwrap();
+            driver.keep(&Production { counting: 1, produced: 2, epoch: 3 });
+            driver.at(place).fetch_add(1, Ordering::Relaxed);
+            assert_eq!(WakeWord::create(&path).unwrap().kept(), None);
+        }
     }
 
     #[test]

@@ -22,7 +22,10 @@ fn every_frame_arrives_in_order_and_untouched() {
         let sent_ns = frame.header().send_monotonic_ns;
         assert!((last_sent_ns..=monotonic_ns()).contains(&sent_ns));
         last_sent_ns = sent_ns;
-        assert_eq!(*frame.header(), FrameHeader { send_monotonic_ns: sent_ns, ..header(7, sequence) });
+        let FrameHeader { counting, produced, .. } = *frame.header();
+        assert!(counting > 0 && produced == sequence + 1, "{counting}, {produced}");
+        let sent = FrameHeader { counting, produced, send_monotonic_ns: sent_ns, ..header(7, sequence) };
+        assert_eq!(*frame.header(), sent);
         assert_pixels(&frame);
         assert!(!frame.epoch_changed());
     }

@@ -83,6 +83,9 @@ fn a_camera_that_sends_nothing_whole_is_opened_again() {
     let seen = with_faults("{ kind = \"incomplete\", at_frame = 20, count = 90 }", 60);
     assert_eq!(seen.epochs, 2);
     assert!(seen.said.contains("none of them whole"), "{}", seen.said);
+    // They end one epoch and begin the next.
+    let told = format!(" {} lost (90 of them incomplete)", seen.lost);
+    assert!(seen.lost >= 90 && seen.said.contains(&told), "{told} in {}", seen.said);
 }
 
 #[test]

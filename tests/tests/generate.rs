@@ -88,6 +88,7 @@ fn a_running_driver_generates_between_two_epochs_and_flies_the_accepted_mask() {
     assert!(output.status.success(), "{}", stderr(&output));
     assert!(seen.iter().all(|seen| *seen == (old.id().0, 1000.0)), "only frames of the flight go out");
     assert_eq!((right.lost(), right.epochs()), (0, 1), "the sibling");
+    assert_eq!(left.lost(), 0, "lit frames are nobody's loss");
 
     assert!(stage.output(&["mask", "accept", "left"]).status.success());
     let new = Mask::load(&stage.file("left.png")).unwrap();

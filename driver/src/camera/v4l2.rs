@@ -150,6 +150,10 @@ impl Camera for V4l2Camera {
             Err(error) => return Err(self.failed("streaming", &error)),
         };
         Ok(match filled.frame {
+            None if filled.is_untouched => {
+                self.queue(filled.slot)?;
+                Event::Timeout
+            }
             None => Event::Incomplete(filled.slot),
             Some(frame) => {
                 self.clock = match frame.is_of_exposure_start {

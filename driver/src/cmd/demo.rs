@@ -119,12 +119,22 @@ impl Drop for Driver {
         // Where it has ended by itself there is nothing left to end.
         let _ = kill_process(Pid::from_child(&self.0), Signal::TERM);
         let _ = self.0.wait();
+        // What it keeps for a driver that comes after: none does.
+        for file in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
+            if file.file_name().to_string_lossy().starts_with(&prefix()) {
+                let _ = fs::remove_file(file.path());
+            }
+        }
     }
 }
 
+/// One of its own, so that a driver in flight is not disturbed.
+fn prefix() -> String {
+    format!("uvcam_demo_{}_", std::process::id())
+}
+
 fn configuration() -> String {
-    // A prefix of its own, so that a driver in flight is not disturbed.
-    let mut text = format!("[ipc]\nprefix = \"uvcam_demo_{}_\"\n", std::process::id());
+    let mut text = format!("[ipc]\nprefix = \"{}\"\n", prefix());
     for (name, mask) in [("masked", "mask.png"), ("unmasked", "none")] {
         text += &format!(
             "\n[[camera]]\nname = \"{name}\"\nsource = {{ kind = \"simulated\", serial = \"DEMO\" }}\n\

@@ -26,7 +26,7 @@ fn a_header_in_memory_begins_with_the_magic() {
     let header = valid();
     // SAFETY: a header has this many bytes, and no padding.
     let bytes = unsafe { *(&raw const header).cast::<[u8; 8]>() };
-    assert_eq!(&bytes, b"UVCM\x01\x00\xc0\x00");
+    assert_eq!(&bytes, b"UVCM\x02\x00\xc0\x00");
 }
 
 #[test]
@@ -42,7 +42,7 @@ fn every_wrong_field_is_named() {
         header.validate(752 * 480).unwrap_err()
     };
     assert_eq!(refusal(|header| header.magic ^= 1), HeaderError::Magic(MAGIC ^ 1));
-    assert_eq!(refusal(|header| header.contract_version = 2), HeaderError::ContractVersion(2));
+    assert_eq!(refusal(|header| header.contract_version = 1), HeaderError::ContractVersion(1));
     assert_eq!(refusal(|header| header.header_size = 191), HeaderError::HeaderSize(191));
     assert!(matches!(refusal(|header| header.pixel_format = 0), HeaderError::PixelFormat(_)));
     assert_eq!(refusal(|header| header.width = 0), HeaderError::Size { width: 0, height: 480 });
@@ -80,7 +80,7 @@ proptest! {
         let mut bytes = [tail; size_of::<FrameHeader>()];
         bytes[..32].copy_from_slice(&head);
         if sign {
-            bytes[..8].copy_from_slice(b"UVCM\x01\x00\xc0\x00");
+            bytes[..8].copy_from_slice(b"UVCM\x02\x00\xc0\x00");
         }
         if let Ok(image_bytes) = from_bytes(&bytes).validate(payload_len) {
             prop_assert!(image_bytes <= payload_len);

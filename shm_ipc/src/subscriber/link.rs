@@ -51,6 +51,11 @@ impl Link {
         }
     }
 
+    /// How many frames a consumer may hold.
+    pub(super) fn most_held(&self) -> usize {
+        self.frames.static_config().subscriber_max_borrowed_samples()
+    }
+
     /// Frames that the wake word has announced.
     pub(super) fn announced(&self) -> u32 {
         self.wake_word.as_ref().map_or(0, WakeWord::frames)

@@ -114,7 +114,7 @@ pub fn told_to_go_on() -> bool {
 /// On the other side: a driver that publishes one frame at each step, as soon as anybody reads.
 pub fn publish_on_demand(settings: &Settings) {
     let publisher = uvcam_shm_ipc::Publisher::create(settings, CAMERA, FRAME_BYTES, LOANS).unwrap();
-    let epoch = uvcam_shm_ipc::realtime_ns();
+    let epoch = publisher.begin_epoch();
     // Killed with loans out, as a driver is.
     let _loan = publisher.loan().unwrap();
     say("ready");

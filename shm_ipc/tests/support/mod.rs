@@ -88,9 +88,10 @@ pub fn publish(publisher: &Publisher, epoch: u64, sequence: u64) -> usize {
 }
 
 pub fn publish_after_loss(publisher: &Publisher, epoch: u64, sequence: u64, lost_before: u64) -> usize {
+    publisher.count_lost(lost_before);
     let mut slot = publisher.loan().unwrap();
     slot.pixels_mut().iter_mut().enumerate().for_each(|(index, byte)| *byte = pixel(sequence, index));
-    publisher.publish(slot, &FrameHeader { lost_before, ..header(epoch, sequence) }).unwrap()
+    publisher.publish(slot, &header(epoch, sequence)).unwrap()
 }
 
 pub fn assert_pixels(frame: &Frame) {

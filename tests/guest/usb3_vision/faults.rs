@@ -121,11 +121,11 @@ fn every_fault_is_survived() {
         assert!(seen.recovery < RECOVERY, "{name}");
     }
 
-    // Its ids begin anew: nothing tells how much was lost.
+    // Its ids begin anew: nothing tells how much was lost, but the frame that was cut off, where there was one.
     for (name, fault) in [("endpoint halts", Fault::StalledEndpoint), ("silence", Fault::Freeze)] {
         let seen = bench.watch(|bench| bench.fail(fault));
         print(name, &seen);
-        assert_eq!((seen.lost, seen.new_epochs), (0, 1), "{name}");
+        assert!(seen.lost <= 1 && seen.new_epochs == 1, "{name}: {} lost", seen.lost);
         // A camera counts as silent after a second.
         assert!(seen.recovery < Duration::from_secs(1) + RECOVERY, "{name}");
     }
@@ -138,7 +138,7 @@ fn every_fault_is_survived() {
     ] {
         let seen = bench.watch(|bench| bench.replug(fault));
         print(name, &seen);
-        assert_eq!((seen.lost, seen.new_epochs), (0, 1), "{name}");
+        assert!(seen.lost <= 1 && seen.new_epochs == 1, "{name}: {} lost", seen.lost);
         assert!(seen.recovery < RECOVERY, "{name}");
     }
     // Past the wrap.
@@ -156,6 +156,6 @@ fn every_fault_is_survived() {
         Instant::now()
     });
     print("another camera in its place, then itself", &seen);
-    assert_eq!((seen.lost, seen.new_epochs), (0, 1));
+    assert!(seen.lost <= 1 && seen.new_epochs == 1, "{} lost", seen.lost);
     assert!(seen.recovery < RECOVERY, "another camera in its place");
 }

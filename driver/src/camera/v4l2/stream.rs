@@ -52,6 +52,8 @@ pub(super) struct Filled {
     pub(super) arrival_monotonic_ns: u64,
     /// What the driver says of the frame; `None` where it is not whole.
     pub(super) frame: Option<Frame>,
+    /// Whether the driver gave its buffer back without any data, as it does with all of them where a transfer ends: there was no frame.
+    pub(super) is_untouched: bool,
 }
 
 /// What the driver says of a whole frame.
@@ -106,8 +108,9 @@ impl Stream {
         loop {
             if let Some(done) = self.device.dequeue(memory)? {
                 let arrival_monotonic_ns = monotonic_ns();
+                let is_untouched = done.damaged && done.bytes_used == 0;
                 if let Some((slot, frame)) = self.take(&done, layout)? {
-                    return Ok(Some(Filled { slot, arrival_monotonic_ns, frame }));
+                    return Ok(Some(Filled { slot, arrival_monotonic_ns, frame, is_untouched }));
                 }
             } else if ready == Ready::Failed {
                 return Err(io::Error::other("its driver reports an error (POLLERR) and no cause"));
