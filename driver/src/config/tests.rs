@@ -4,6 +4,11 @@ use proptest::prelude::*;
 
 use super::*;
 
+mod file;
+mod mistakes;
+mod paths;
+mod shared;
+
 const CAMERA: &str = r#"
 [[camera]]
 name = "left"
