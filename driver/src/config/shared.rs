@@ -111,27 +111,37 @@ struct MaskFiles {
     in_force: PathBuf,
     /// Device and inode of the mask in force, where it is there.
     inode: Option<(u64, u64)>,
-    /// All names that belong to it, the mask in force included.
+    /// All names that belong to it, the mask in force included; around a link as well as around what it leads to.
     names: Vec<PathBuf>,
-    history: PathBuf,
+    histories: Vec<PathBuf>,
 }
 
 impl MaskFiles {
     fn of(path: &Path) -> Self {
         let in_force = resolved(path);
-        let store = MaskStore::new(&in_force);
-        let mut names = vec![in_force.clone(), store.candidate()];
-        names.extend(store.pictures());
         let inode = std::fs::metadata(path).ok().map(|file| (file.dev(), file.ino()));
-        MaskFiles { in_force, inode, names, history: store.history_folder() }
+        let mut files =
+            MaskFiles { in_force: in_force.clone(), inode, names: Vec::new(), histories: Vec::new() };
+        let link = path.parent().zip(path.file_name()).map(|(folder, name)| resolved(folder).join(name));
+        for name in [Some(in_force), link].into_iter().flatten() {
+            let store = MaskStore::new(&name);
+            files.names.extend(store.pictures());
+            files.names.extend([store.candidate(), name]);
+            files.histories.push(store.history_folder());
+        }
+        files
     }
 
     fn meets(&self, other: &MaskFiles) -> bool {
         self.inode_is_that_of(other)
-            || self.history == other.history
             || self.names.iter().any(|name| other.names.contains(name))
-            || self.in_force.starts_with(&other.history)
-            || other.in_force.starts_with(&self.history)
+            || self.histories.iter().any(|history| other.histories.contains(history))
+            || self.lies_in_history_of(other)
+            || other.lies_in_history_of(self)
+    }
+
+    fn lies_in_history_of(&self, other: &MaskFiles) -> bool {
+        other.histories.iter().any(|history| self.names.iter().any(|name| name.starts_with(history)))
     }
 
     fn inode_is_that_of(&self, other: &MaskFiles) -> bool {
@@ -139,15 +149,19 @@ impl MaskFiles {
     }
 }
 
-/// The path with links followed as far as it exists, and without detours.
+/// The path from `/` on, with links followed as far as it exists, and without detours.
 fn resolved(path: &Path) -> PathBuf {
+    without_links(&std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf()))
+}
+
+fn without_links(path: &Path) -> PathBuf {
     if let Ok(path) = path.canonicalize() {
         return path;
     }
     match (path.components().next_back(), path.parent()) {
-        (Some(Component::Normal(name)), Some(folder)) => resolved(folder).join(name),
+        (Some(Component::Normal(name)), Some(folder)) => without_links(folder).join(name),
         (Some(Component::ParentDir), Some(folder)) => {
-            let folder = resolved(folder);
+            let folder = without_links(folder);
             folder.parent().map_or(folder.clone(), Path::to_path_buf)
         }
         _ => path.to_path_buf(),

@@ -129,6 +129,11 @@ fn one_mask_file_is_of_one_camera() {
             "{one} {other}: {message}"
         );
     }
+    let here = std::env::current_dir().unwrap().join("nowhere.png").display().to_string();
+    assert!(
+        of_masks(Path::new(""), "nowhere.png", &here).is_err(),
+        "the configuration's own path is relative"
+    );
     assert!(of_masks(folder, "{camera}.png", "{camera}.png").is_ok());
     assert!(of_masks(folder, "left.png", "masks/left.png").is_ok());
     assert!(of_masks(folder, "none", "none").is_ok());
@@ -148,6 +153,15 @@ fn no_mask_is_among_the_files_of_another_camera_s() {
                 "{one} {other}: {message}"
             );
         }
+    }
+    // The files around a link are taken, and those around what it leads to.
+    std::fs::create_dir(folder.path().join("masks")).unwrap();
+    std::fs::write(folder.path().join("masks/target.png"), "").unwrap();
+    std::os::unix::fs::symlink("masks/target.png", folder.path().join("link.png")).unwrap();
+    for other in
+        ["link.png", "masks/target.png"].map(|mask| crate::mask_store::MaskStore::new(Path::new(mask)))
+    {
+        assert!(of_masks(folder.path(), "link.png", other.candidate().to_str().unwrap()).is_err());
     }
     // Two names share a candidate where the store makes one file of them.
     let share = |one: &str, other: &str| {
