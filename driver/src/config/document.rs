@@ -10,13 +10,12 @@ use toml::de::{DeTable, Deserializer};
 use uvcam_masker::file::MAX_PIXELS;
 use uvcam_shm_ipc::{IpcError, PixelFormat};
 
-use super::error::Text;
+use super::error::{Text, shortened};
 use super::generate::GenerateTable;
 use super::keys::suggestion;
 use super::realtime::RealtimeTable;
 use super::shared::Shared;
 use super::source::SourceTable;
-use super::statement::shortened;
 use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice, Source};
 use crate::camera::Settings;
 
@@ -64,7 +63,7 @@ struct CameraTable {
 }
 
 /// What may name a camera or a UAV.
-const NAME: &str = "1 to 64 letters, digits, \"_\" or \"-\"";
+const NAME: &str = "1 to 64 letters, digits, \"_\" or \"-\" (ASCII)";
 /// Where a mask lies that the configuration does not name: as UVDAR names them.
 const MASK: &str = "{uav}_{serial}.png";
 pub(super) const EXPOSURE: &str = "1 to 10000000 microseconds";
@@ -181,12 +180,28 @@ impl Reader<'_> {
         Ok(path)
     }
 
-    /// One `[camera]` is no list of cameras.
+    /// One `[camera]` is no list of cameras, and nothing else is one: a list would be taken for a table, its elements for keys.
     fn check_headings(&self, document: &DeTable<'_>) -> Result<(), ConfigError> {
-        match document.get_key_value("camera") {
-            Some((key, value)) if value.get_ref().is_table() => {
-                let write = "write [[camera]] above each camera".into();
-                Err(self.0.mistyped(key.span().start, "camera", "a single table".into(), write))
+        self.check_single(document, "ipc", "write [ipc]")?;
+        let Some((key, cameras)) = document.get_key_value("camera") else { return Ok(()) };
+        let mistyped = |found: &str| {
+            let write = "write [[camera]] above each camera".into();
+            Err(self.0.mistyped(key.span().start, "camera", found.into(), write))
+        };
+        let Some(cameras) = cameras.get_ref().as_array() else { return mistyped("a single table") };
+        for camera in cameras.iter() {
+            let Some(camera) = camera.get_ref().as_table() else { return mistyped("a list without tables") };
+            self.check_single(camera, "source", "write source = { ... }")?;
+            self.check_single(camera, "generate", "write [camera.generate]")?;
+            self.check_single(camera, "realtime", "write [camera.realtime]")?;
+        }
+        Ok(())
+    }
+
+    fn check_single(&self, table: &DeTable<'_>, key: &str, write: &str) -> Result<(), ConfigError> {
+        match table.get_key_value(key) {
+            Some((place, value)) if value.get_ref().is_array() => {
+                Err(self.0.mistyped(place.span().start, key, "a list".into(), write.into()))
             }
             _ => Ok(()),
         }

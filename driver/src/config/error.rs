@@ -6,6 +6,9 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+/// How much of a line a message repeats, characters.
+const SHOWN: usize = 60;
+
 /// Why a configuration was refused.
 #[derive(Debug, Error)]
 pub enum ConfigError {
@@ -103,10 +106,34 @@ impl Text<'_> {
     }
 
     pub(super) fn refuse(&self, span: Range<usize>, key: &str, found: String, allowed: &str) -> ConfigError {
-        ConfigError::Value { place: self.place(span.start), key: key.into(), found, allowed: allowed.into() }
+        ConfigError::Value {
+            place: self.place(span.start),
+            key: shortened(key),
+            found: printable(&found),
+            allowed: printable(allowed),
+        }
     }
 
     pub(super) fn mistyped(&self, offset: usize, key: &str, found: String, write: String) -> ConfigError {
-        ConfigError::Mistyped { place: self.place(offset), key: key.into(), found, write }
+        ConfigError::Mistyped {
+            place: self.place(offset),
+            key: shortened(key),
+            found: printable(&found),
+            write: printable(&write),
+        }
     }
+}
+
+/// The text without what would change a terminal.
+pub(super) fn printable(text: &str) -> String {
+    text.chars().map(|character| if character.is_control() { '?' } else { character }).collect()
+}
+
+/// The beginning of a text on one line, for a message.
+pub(super) fn shortened(text: &str) -> String {
+    let mut shown: String = text.chars().take_while(|c| *c != '\n').take(SHOWN).collect();
+    if shown.chars().count() < text.chars().count() {
+        shown.push_str("...");
+    }
+    printable(&shown)
 }

@@ -5,9 +5,9 @@ use std::ops::Range;
 use toml::de::{DeTable, DeValue};
 
 use super::ConfigError;
-use super::error::Text;
+use super::error::{Text, shortened};
 use super::keys::{TOP, home_of, suggestion, table_of};
-use super::statement::{Statement, boolean, number, shortened};
+use super::statement::{Statement, boolean, number};
 
 impl Text<'_> {
     /// What is wrong with a text that is not TOML.
@@ -20,7 +20,7 @@ impl Text<'_> {
         }
         let statement = Statement::at(self.text, span.start);
         match statement.remedy(message) {
-            Some(write) => self.mistyped(span.start, &shortened(&statement.key), statement.found(), write),
+            Some(write) => self.mistyped(span.start, &statement.key, statement.found(), write),
             None => {
                 let cause = format!("{}: {message}", statement.line());
                 ConfigError::Syntax { place: self.place(span.start), cause }
@@ -98,6 +98,7 @@ impl Text<'_> {
             }
             "a string" if is_plain(written) => Some(format!("write it in quotes: \"{written}\"")),
             "a sequence" if is_plain(written) => Some(format!("write it in brackets: [{written}]")),
+            _ if key == "source" => Some("write { kind = \"aravis\", serial = \"25003774\" }".into()),
             "a boolean" => boolean(written),
             _ if is_number => number(key, written, expected != "f64"),
             _ => None,

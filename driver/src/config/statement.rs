@@ -1,5 +1,7 @@
 //! One line that the parser did not understand, and what its writer meant.
 
+use super::error::shortened;
+
 /// A key and its value as they are written, understood or not.
 #[derive(Debug)]
 pub(super) struct Statement {
@@ -29,8 +31,6 @@ const TEXTS: [&str; 11] = [
 const OTHER_QUOTES: [char; 9] = ['“', '”', '„', '‟', '‘', '’', '«', '»', '`'];
 /// Characters that are taken for a space, or are not seen at all.
 const UNSEEN: [char; 7] = ['\u{a0}', '\u{2007}', '\u{202f}', '\u{200b}', '\u{2060}', '\u{feff}', '\u{3000}'];
-/// How much of a line a message repeats, characters.
-const SHOWN: usize = 60;
 
 impl Statement {
     /// The statement around the byte at `offset`.
@@ -39,6 +39,8 @@ impl Statement {
         let line = text.get(begin..).and_then(|rest| rest.lines().next()).unwrap_or_default();
         let line = before_comment(line);
         let part = trimmed(part_at(line, offset.saturating_sub(begin)));
+        // Behind the last brace: the table itself.
+        let part = if part.trim_matches(',').is_empty() { trimmed(line) } else { part };
         let line = trimmed(line).to_owned();
         match part.split_once('=') {
             Some((key, value)) if !trimmed(key).is_empty() => {
@@ -92,22 +94,27 @@ impl Statement {
         if value.is_empty() {
             return Some("write a value behind =".into());
         }
-        if let Some((before, _)) = ["//", ";", "/*"].iter().find_map(|mark| value.split_once(mark))
-            && !value.starts_with(['"', '\'', '/'])
-        {
-            return Some(match before.len() + 1 == value.len() {
-                true => format!("leave the last character out: {}", before.trim()),
-                false => "write # before a comment".into(),
-            });
+        if self.key.ends_with(':') {
+            let key = trimmed(self.key.trim_end_matches(':'));
+            return Some(format!("write = between key and value: {key} = {}", shortened(value)));
         }
-        let has_another = value.split(['"', '\'']).step_by(2).any(|plain| plain.contains('='));
-        if has_another && !value.starts_with('=') {
+        let bare = trimmed(value.trim_end_matches([',', ';']));
+        let is_longer = bare.len() < value.len();
+        if is_longer && bare.ends_with(['}', ']']) {
+            return Some("write nothing behind the last bracket".into());
+        }
+        if !bare.starts_with(['"', '\'', '/']) && ["//", ";", "/*"].iter().any(|mark| bare.contains(mark)) {
+            return Some("write # before a comment".into());
+        }
+        let has_another = bare.split(['"', '\'']).step_by(2).any(|plain| plain.contains('='));
+        if has_another && !bare.starts_with('=') {
             return Some("write one key a line, with one =".into());
         }
-        let bare = value.trim_end_matches(',');
-        if TEXTS.contains(&self.key.as_str()) { text(bare) } else { number(&self.key, bare, false) }
+        let meant =
+            if TEXTS.contains(&self.key.as_str()) { text(bare) } else { number(&self.key, bare, false) };
+        meant
             .or_else(|| boolean(bare))
-            .or_else(|| (bare.len() < value.len()).then(|| format!("leave the comma out: {}", bare.trim())))
+            .or_else(|| is_longer.then(|| format!("write nothing behind it: {bare}")))
     }
 }
 
@@ -123,6 +130,7 @@ fn without_value(line: &str) -> Option<String> {
         return Some("write # before a comment".into());
     }
     let (key, value) = line.split_once([':', ' ', '\t'])?;
+    let key = key.trim_matches(['"', '\'']);
     let value = value.trim_start_matches([':', ' ', '\t']);
     (is_key(key) && !value.is_empty())
         .then(|| format!("write = between key and value: {key} = {}", shortened(value)))
@@ -162,6 +170,9 @@ pub(super) fn number(key: &str, value: &str, whole: bool) -> Option<String> {
     let plain = value.trim_matches(|c: char| OTHER_QUOTES.contains(&c) || "\"' \t".contains(c));
     let unquoted = if plain == value { "" } else { " without quotes" };
     let plain = plain.replace(['−', '–'], "-");
+    if plain.eq_ignore_ascii_case("auto") {
+        return Some("write a number: all automatics are switched off".into());
+    }
     if let Ok(number) = plain.parse::<f64>()
         && plain.contains(char::is_alphabetic)
     {
@@ -181,6 +192,11 @@ pub(super) fn number(key: &str, value: &str, whole: bool) -> Option<String> {
         });
     }
     if pointed.len() == digits.len() && digits.contains(',') {
+        // A thousand in English, and one elsewhere.
+        if digits.split(',').next_back().is_some_and(|digits| digits.len() == 3) {
+            let thousands = digits.replace(',', "");
+            return Some(format!("write a point{unquoted}, {pointed}, or no comma, {thousands}"));
+        }
         return Some(format!("write a point{unquoted}: {pointed}"));
     }
     if whole && pointed.contains('.') {
@@ -248,17 +264,4 @@ fn part_at(line: &str, offset: usize) -> &str {
     let begin = (first..offset).rev().find(|at| parts(*at)).map_or(first, |at| at + 1);
     let end = (begin.max(offset)..bytes.len()).find(|at| parts(*at)).unwrap_or(bytes.len());
     line.get(begin..end).unwrap_or(line)
-}
-
-/// The beginning of a text on one line, for a message.
-pub(super) fn shortened(text: &str) -> String {
-    let mut shown: String = text.chars().take_while(|c| *c != '\n').take(SHOWN).map(visible).collect();
-    if shown.chars().count() < text.chars().count() {
-        shown.push_str("...");
-    }
-    shown
-}
-
-fn visible(character: char) -> char {
-    if character.is_control() { '?' } else { character }
 }

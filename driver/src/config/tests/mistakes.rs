@@ -14,6 +14,9 @@ fn check(cases: &[(&str, &str, &str)]) {
 fn numbers_that_are_none_in_toml() {
     check(&[
         ("= 1000", "= 1000,0", "uvcam.toml:8: exposure_us: found 1000,0; write a point: 1000.0"),
+        ("= 1000", "= 1,000", "exposure_us: found 1,000; write a point, 1.000, or no comma, 1000"),
+        ("= 1000", "= auto", "exposure_us: found auto; write a number: all automatics are switched off"),
+        ("= 1000", "= \"auto\"", "allowed: a number; write a number: all automatics are switched off"),
         ("= 1000", "= 01000", "exposure_us: found 01000; write it without zeros in front: 1000"),
         ("= 1000", "= 1000 us", "exposure_us: found 1000 us; write the number alone, in microseconds"),
         ("= 59.9", "= 60fps", "fps: found 60fps; write the number alone, in frames a second"),
@@ -22,8 +25,8 @@ fn numbers_that_are_none_in_toml() {
         ("= 59.9", "= 60.", "fps: found 60.; write digits on both sides of the point: 60.0"),
         ("= 1000", "= 10 000", "exposure_us: found 10 000; write the digits without gaps: 10000"),
         ("= 59.9", "= −3", "fps: found −3; write it: -3"),
-        ("= 59.9", "= 60,", "fps: found 60,; leave the comma out: 60"),
-        ("= 59.9", "= 60;", "fps: found 60;; leave the last character out: 60"),
+        ("= 59.9", "= 60,", "fps: found 60,; write nothing behind it: 60"),
+        ("= 59.9", "= 60;", "fps: found 60;; write nothing behind it: 60"),
         ("= 59.9", "= +-3", "uvcam.toml:7: not TOML: fps = +-3: redundant numeric sign"),
         (
             "kind = \"aravis\"",
@@ -84,6 +87,12 @@ fn texts_that_are_none() {
             "serial: found floating point 100000.0; allowed: a text; write it in quotes: \"1e5\"",
         ),
         ("\"25003774\"", "A1B2", "serial: found A1B2; write it in quotes: \"A1B2\""),
+        ("\"left\"", "\"left\";", "name: found \"left\";; write nothing behind it: \"left\""),
+        (
+            "\"left\"",
+            "\"levá\"",
+            "name: found levá; allowed: 1 to 64 letters, digits, \"_\" or \"-\" (ASCII)",
+        ),
         ("\"left\"", "left", "uvcam.toml:3: name: found left; write it in quotes: \"left\""),
         ("\"left\"", "“left”", "name: found “left”; write it in straight quotes: \"left\""),
         ("\"left\"", "\"left", "name: found \"left; write it in quotes: \"left\""),
@@ -111,6 +120,8 @@ fn lines_that_are_none() {
             "fps: 59.9",
             "uvcam.toml:7: fps: found fps: 59.9; write = between key and value: fps = 59.9",
         ),
+        ("fps = 59.9", "\"fps\": 59.9", "write = between key and value: fps = 59.9"),
+        ("fps = 59.9", "fps := 59.9", "write = between key and value: fps = 59.9"),
         ("fps = 59.9", "fps 59.9", "write = between key and value: fps = 59.9"),
         ("fps = 59.9", "fps =", "fps: found nothing; write a value behind ="),
         ("fps = 59.9", "// fast", "uvcam.toml:7: line: found // fast; write # before a comment"),
@@ -188,6 +199,38 @@ fn keys_at_the_wrong_place() {
 }
 
 #[test]
+fn lists_and_tables_in_place_of_each_other() {
+    let source = "{ kind = \"aravis\", serial = \"25003774\" }";
+    check(&[
+        ("[[camera]]", "[[ipc]]\n[[camera]]", "uvcam.toml:2: ipc: found a list; write [ipc]"),
+        (source, &format!("[{source}]"), "uvcam.toml:4: source: found a list; write source = { ... }"),
+        (
+            source,
+            "\"/dev/video0\"",
+            "source: found string \"/dev/video0\"; allowed: a table; write { kind = ",
+        ),
+        (source, &format!("{source},"), "},; write nothing behind the last bracket"),
+        ("mask =", "[[camera.generate]]\n#", "uvcam.toml:9: generate: found a list; write [camera.generate]"),
+        ("mask =", "realtime = []\n#", "realtime: found a list; write [camera.realtime]"),
+        (
+            "mask =",
+            "generate.ignore_polygons = [[[1, 2, 3]]]\n#",
+            "ignore_polygons: found 3 numbers; allowed: [x, y] in pixels",
+        ),
+        (
+            "mask =",
+            "generate.ignore_polygons = [[1, 2]]\n#",
+            "ignore_polygons: found integer 1; allowed: a list",
+        ),
+    ]);
+    let message = parse("camera = [1]").unwrap_err().to_string();
+    assert!(
+        message.ends_with(":1: camera: found a list without tables; write [[camera]] above each camera"),
+        "{message}"
+    );
+}
+
+#[test]
 fn keys_and_words_of_others() {
     check(&[
         ("fps =", "frame_rate =", "frame_rate: found an unknown key (did you mean \"fps\"?)"),
@@ -237,7 +280,14 @@ fn keys_of_each_table_are_those_that_are_read() {
 
 #[test]
 fn a_message_shows_no_control_characters_and_no_more_than_a_line() {
-    for text in ["uav = \"\\u001b[2J\"", "uav = \u{1b}[2J", &format!("uav = {}", "x".repeat(10_000))] {
+    let long = "x".repeat(10_000);
+    for text in [
+        "uav = \"\\u001b[2J\"",
+        "uav = \u{1b}[2J",
+        &format!("uav = {long}"),
+        &format!("{long} = 1"),
+        &format!("{long} ="),
+    ] {
         let message = parse(text).unwrap_err().to_string();
         assert!(!message.contains(char::is_control) && message.len() < 300, "{message:?}");
     }
