@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, Deserializer};
-use uvcam_masker::file::MAX_PIXELS;
 use uvcam_shm_ipc::{IpcError, PixelFormat};
 
 use super::error::{Text, shortened};
@@ -262,7 +261,6 @@ impl Reader<'_> {
                 self.0.refuse(name.span(), "pixel_format", found, "Mono8, Mono10, Mono12 or Mono16")
             })?,
         };
-        let place = table.width.span();
         let settings = Settings {
             width: side("width", table.width)?,
             height: side("height", table.height)?,
@@ -282,12 +280,6 @@ impl Reader<'_> {
             )?,
             gain_db: self.value_or("gain_db", table.gain_db, 0.0, GAIN, |db| (-40.0..=80.0).contains(db))?,
         };
-        let pixels = u64::from(settings.width) * u64::from(settings.height);
-        if pixels > MAX_PIXELS {
-            let found = format!("{}x{}", settings.width, settings.height);
-            let allowed = format!("at most {MAX_PIXELS} pixels, as masks have");
-            return Err(self.0.refuse(place, "width and height", found, &allowed));
-        }
         let name = self.value("name", table.name, NAME, |text| is_name(text) && text.len() <= 64)?;
         let source = self.source(table.source)?;
         let mask = match table.mask {
