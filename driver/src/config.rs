@@ -1,7 +1,7 @@
 //! The configuration: one TOML file, read once, valid or refused.
 //!
-//! `document` is the file as written, `error` says where it is wrong; this file holds what the rest of the driver sees. The
-//! commented default (`driver/default.toml`) is compiled in and is the manual.
+//! `document` is the file as written, `error` says where it is wrong, `mistakes` and `statement` what was meant; this file holds what
+//! the rest of the driver sees. The commented default (`driver/default.toml`) is compiled in and is the manual.
 
 use std::path::{Path, PathBuf};
 
@@ -16,9 +16,14 @@ use crate::supervise::CLOSING;
 mod document;
 mod error;
 mod faults;
+mod file;
 mod generate;
+mod keys;
+mod mistakes;
 mod realtime;
+mod shared;
 mod source;
+mod statement;
 
 pub use error::ConfigError;
 
@@ -32,7 +37,7 @@ pub struct Config {
     pub digest: [u8; 16],
     /// Shared memory.
     pub ipc: Ipc,
-    /// The cameras, in the order of the file; at least one, no name twice.
+    /// The cameras, in the order of the file; at least one, no name, device or mask file twice.
     pub cameras: Vec<CameraConfig>,
 }
 
@@ -107,7 +112,7 @@ pub enum MaskChoice {
 pub enum Source {
     /// A USB3 Vision or GigE Vision camera.
     Aravis {
-        /// Serial, device id or IP address.
+        /// Serial, device id or IP address, without spaces around it.
         serial: String,
     },
     /// A folder of PNG files.
@@ -152,7 +157,7 @@ pub struct V4l2 {
 pub enum V4l2Device {
     /// By its node, or a link to it.
     Path(PathBuf),
-    /// By its serial, or the place where it is connected.
+    /// By its serial, or the place where it is connected; without spaces around it.
     Serial(String),
 }
 
@@ -231,9 +236,15 @@ impl Config {
         let Some(file) = file else {
             return Config::parse(DEFAULT, Path::new("the built-in configuration"));
         };
-        let text = std::fs::read_to_string(file)
-            .map_err(|source| ConfigError::Unreadable { file: file.to_path_buf(), source })?;
-        Config::parse(&text, file)
+        Config::from_bytes(&file::read(file)?, file)
+    }
+
+    /// Reads a configuration from the bytes of its file, as [`Config::parse`] does from its text.
+    ///
+    /// # Errors
+    /// [`ConfigError`], as [`Config::load`].
+    pub fn from_bytes(bytes: &[u8], file: &Path) -> Result<Config, ConfigError> {
+        Config::parse(file::decode(bytes, file)?, file)
     }
 
     /// Reads a configuration from its text; `file` gives the folder of relative paths and the name in messages.

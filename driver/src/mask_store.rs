@@ -173,7 +173,8 @@ impl MaskStore {
         self.in_force.with_extension(extension)
     }
 
-    fn history_folder(&self) -> PathBuf {
+    /// The folder of the masks that were in force before.
+    pub fn history_folder(&self) -> PathBuf {
         self.beside("history")
     }
 

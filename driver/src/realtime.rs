@@ -29,7 +29,7 @@ impl Realtime {
     /// there, and these inherit priority and cores (pthread_attr_setinheritsched(3), sched_setaffinity(2)).
     pub fn apply(&self, camera: &str) {
         if self.priority > 0
-            && let Err(error) = set_fifo(self.priority)
+            && let Err(error) = set_scheduler(libc::SCHED_FIFO, self.priority)
         {
             warn!(
                 "{camera}: not at real-time priority {}: {error}; give the program CAP_SYS_NICE, or raise its limit \
@@ -48,10 +48,18 @@ impl Realtime {
     }
 }
 
-fn set_fifo(priority: u8) -> io::Result<()> {
+/// Gives the calling thread back to the ordinary scheduler, on the cores that it has: it has inherited a priority that is not for its work.
+pub fn leave() {
+    // To give a priority up needs no right (sched(7)).
+    if let Err(error) = set_scheduler(libc::SCHED_OTHER, 0) {
+        warn!("a thread keeps its real-time priority: {error}");
+    }
+}
+
+fn set_scheduler(policy: i32, priority: u8) -> io::Result<()> {
     let parameters = libc::sched_param { sched_priority: priority.into() };
     // SAFETY: the call reads the parameters, which live until it returns, and touches no other memory.
-    match unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) } {
+    match unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) } {
         0 => Ok(()),
         _ => Err(io::Error::last_os_error()),
     }

@@ -63,11 +63,19 @@ impl Settings {
         shared_memory_needed(self.slots_needed(loans), frame_bytes)
     }
 
+    /// Checks what driver and consumers will be refused for, without making anything.
+    ///
+    /// # Errors
+    /// [`IpcError::Setting`] for the first setting outside its limits.
+    pub fn validate(&self) -> Result<(), IpcError> {
+        self.to_iceoryx2().map(drop)
+    }
+
     /// The configuration of iceoryx2, from these settings alone: no file is read.
     pub(crate) fn to_iceoryx2(&self) -> Result<Config, IpcError> {
         self.check_number("max_subscribers", self.max_subscribers, 64, "1 to 64")?;
-        self.check_number("buffer", self.buffer, 256, "1 to 256")?;
-        self.check_number("borrowed", self.borrowed, 64, "1 to 64")?;
+        self.check_number("buffer", self.buffer, 256, "1 to 256 frames")?;
+        self.check_number("borrowed", self.borrowed, 64, "1 to 64 frames")?;
         let prefix = FileName::new(self.prefix.as_bytes()).ok().filter(|_| is_name(&self.prefix, 32));
         let Some(prefix) = prefix else {
             return Err(IpcError::Setting {
@@ -76,16 +84,17 @@ impl Settings {
                 allowed: "1 to 32 letters, digits, \"_\" or \"-\"",
             });
         };
-        let root_path = self
-            .root_path
-            .to_str()
-            .filter(|path| self.root_path.is_absolute() && path.len() + self.prefix.len() <= LONGEST_PATHS);
-        let Some(root_path) = root_path.and_then(|path| Path::new(path.as_bytes()).ok()) else {
-            return Err(IpcError::Setting {
-                key: "root_path",
-                found: self.root_path.display().to_string(),
-                allowed: "an absolute path of at most 60 bytes together with prefix",
-            });
+        let refused = |allowed| IpcError::Setting {
+            key: "root_path",
+            found: self.root_path.display().to_string(),
+            allowed,
+        };
+        let bytes = self.root_path.as_os_str().as_encoded_bytes();
+        if !self.root_path.is_absolute() || bytes.len() + self.prefix.len() > LONGEST_PATHS {
+            return Err(refused("an absolute path of at most 60 bytes together with prefix"));
+        }
+        let Ok(root_path) = Path::new(bytes) else {
+            return Err(refused("only ASCII letters, digits and signs other than < > \" | ? * in root_path"));
         };
         let mut config = Config::default();
         config.global.prefix = prefix;

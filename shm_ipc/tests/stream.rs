@@ -242,8 +242,16 @@ fn settings_beyond_their_limits_are_refused() {
         refusal(Settings { root_path: "ipc".into(), ..good.clone() })
             .contains("root_path = ipc: use an absolute path")
     );
+    for path in ["/tmp/\u{17e}lu\u{165}", "/tmp/a*b"] {
+        let message = refusal(Settings { root_path: path.into(), ..good.clone() });
+        let allowed = "use only ASCII letters, digits and signs other than < > \" | ? * in root_path";
+        assert_eq!(message, format!("root_path = {path}: {allowed}"));
+    }
     let longest = format!("/{}", "x".repeat(60 - good.prefix.len()));
-    assert!(refusal(Settings { root_path: longest.into(), ..good.clone() }).contains("at most 60 bytes"));
+    let longest = Settings { root_path: longest.into(), ..good.clone() };
+    assert!(refusal(longest.clone()).contains("at most 60 bytes"));
+    assert_eq!(longest.validate().unwrap_err().to_string(), refusal(longest));
+    assert!(good.validate().is_ok() && !good.root_path.exists(), "nothing was made");
 }
 
 #[test]

@@ -79,6 +79,15 @@ fn replay_refuses_an_empty_folder_and_pictures_of_another_size() {
 }
 
 #[test]
+fn a_simulated_frame_beyond_all_masks_is_refused_before_it_is_drawn() {
+    let error = simulated(0.0).open().unwrap().configure(&settings(16384, 16384)).unwrap_err();
+    assert!(
+        error.is_refusal() && error.to_string().contains("width and height = 16384x16384 refused"),
+        "{error}"
+    );
+}
+
+#[test]
 fn an_exposure_that_does_not_fit_is_refused_with_the_largest_that_does() {
     let asked = Settings { fps: 60.0, exposure_us: 7000.0, ..settings(64, 48) };
     let error = simulated(10_000.0).open().unwrap().configure(&asked).unwrap_err();

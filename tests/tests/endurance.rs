@@ -11,9 +11,9 @@ const SETTLED: Duration = Duration::from_secs(5);
 #[test]
 fn three_cameras_with_two_consumers_each_lose_nothing_and_do_not_grow() {
     let cameras = ["left", "right", "back"];
-    let stage = Stage::new(&cameras.map(|name| simulated(name, "mask.png", "")).concat());
-    let mask = stage.write_mask("mask.png", (752, 480), 60);
-    let mask_file = stage.file("mask.png").to_string_lossy().into_owned();
+    let stage = Stage::new(&cameras.map(|name| simulated(name, "{camera}.png", "")).concat());
+    let [mask, ..] = cameras.map(|name| stage.write_mask(&format!("{name}.png"), (752, 480), 60));
+    let mask_file = stage.file("left.png").to_string_lossy().into_owned();
     let watch = |camera: &&str| stage.watch(&[camera, "--mask", &mask_file]);
     let consumers: Vec<Process> = cameras.iter().chain(&cameras).map(watch).collect();
     let driver = stage.driver();

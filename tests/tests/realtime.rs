@@ -60,6 +60,23 @@ fn a_camera_thread_is_scheduled_as_configured_or_the_driver_says_what_is_missing
 }
 
 #[test]
+fn what_reads_pictures_ahead_has_no_priority() {
+    let stage = Stage::new(
+        "[[camera]]\nname = \"left\"\nsource = { kind = \"replay\", path = \"frames\" }\nwidth = 8\nheight = 4\nfps = 60\n\
+         exposure_us = 1000\nmask = \"none\"\n[camera.realtime]\npriority = 7\ncpus = [0]\n",
+    );
+    fs::create_dir(stage.file("frames")).unwrap();
+    image::GrayImage::new(8, 4).save(stage.file("frames/1.png")).unwrap();
+    let driver = stage.driver();
+    next_frame(&mut stage.subscriber("left"));
+    let (fields, status) = thread(driver.id(), "left-read");
+    assert_eq!([37, 38].map(|at| fields[at].parse::<u64>().unwrap()), [0, SCHED_OTHER]);
+    assert_eq!(field(&status, "Cpus_allowed_list"), "0");
+    let said = stderr(&driver.stop());
+    assert!(!said.contains("a thread keeps its real-time priority"), "{said}");
+}
+
+#[test]
 fn memory_is_locked_or_the_driver_says_what_is_missing() {
     let stage = stage();
     let driver = stage.driver();

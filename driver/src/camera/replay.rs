@@ -1,20 +1,31 @@
 //! A folder of PNG files as a camera: in the order of their names, at the configured rate, again and again.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use uvcam_masker::file::read_gray;
 use uvcam_shm_ipc::{PixelFormat, Slot, monotonic_ns};
 
-use super::paced::{Paced, deadline};
+use super::paced::{Due, Paced, deadline};
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
+use crate::error::with_causes;
+
+mod ahead;
+mod folder;
+
+use ahead::{Ahead, Taken};
+use folder::Folder;
 
 /// An opened folder.
 #[derive(Debug)]
 pub struct ReplayCamera {
     identity: Identity,
-    files: Vec<PathBuf>,
-    frames: Vec<Vec<u8>>,
+    folder: Arc<Folder>,
+    /// Columns and rows, where it is configured.
+    size: Option<(u32, u32)>,
+    /// The pictures, where it is started.
+    ahead: Option<Ahead>,
     paced: Paced,
     fps: f64,
 }
@@ -25,19 +36,11 @@ impl ReplayCamera {
     /// # Errors
     /// [`CameraError::Absent`] where it cannot be read or holds no PNG file.
     pub fn open(folder: &Path) -> Result<Self, CameraError> {
-        let absent = |found: String| CameraError::Absent {
+        let listed = Folder::list(folder).map_err(|found| CameraError::Absent {
             kind: "replay",
             wanted: folder.display().to_string(),
             found,
-        };
-        let entries = std::fs::read_dir(folder).map_err(|error| absent(error.to_string()))?;
-        let mut files: Vec<PathBuf> =
-            entries.filter_map(|entry| entry.ok().map(|entry| entry.path())).collect();
-        files.retain(|path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")));
-        files.sort();
-        if files.is_empty() {
-            return Err(absent("no file that ends in .png".into()));
-        }
+        })?;
         Ok(ReplayCamera {
             identity: Identity {
                 kind: "replay",
@@ -45,10 +48,11 @@ impl ReplayCamera {
                 model: "replay".into(),
                 serial: folder.file_name().unwrap_or_default().to_string_lossy().into_owned(),
                 transport: "none".into(),
-                address: folder.display().to_string(),
+                address: listed.path().display().to_string(),
             },
-            files,
-            frames: Vec::new(),
+            folder: Arc::new(listed),
+            size: None,
+            ahead: None,
             paced: Paced::default(),
             fps: 0.0,
         })
@@ -64,7 +68,7 @@ impl Camera for ReplayCamera {
         &self.identity
     }
 
-    /// Reads the pictures. Exposure and gain are what the configuration says of them: a picture does not tell.
+    /// Reads the first picture. Exposure and gain are what the configuration says of them: a picture does not tell.
     fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError> {
         settings.check_not_binned()?;
         settings.check_exposure_fits(0.0)?;
@@ -76,21 +80,19 @@ impl Camera for ReplayCamera {
                 remedy: "set pixel_format = \"Mono8\"".into(),
             });
         }
-        self.frames.clear();
-        for file in &self.files {
-            let picture =
-                read_gray(file).map_err(|error| self.failed("reading its pictures", error.to_string()))?;
-            if picture.dimensions() != (settings.width, settings.height) {
-                let (width, height) = picture.dimensions();
-                return Err(CameraError::Refused {
-                    setting: "width and height",
-                    asked: format!("{}x{}", settings.width, settings.height),
-                    applied: format!("{width}x{height} in {}", file.display()),
-                    remedy: "set width and height to the size of the pictures, the same for all".into(),
-                });
-            }
-            self.frames.push(picture.into_raw());
+        let first = self.folder.picture(0);
+        let (width, height) = read_gray(&first)
+            .map_err(|error| self.failed("reading its pictures", with_causes(&error)))?
+            .dimensions();
+        if (width, height) != (settings.width, settings.height) {
+            return Err(CameraError::Refused {
+                setting: "width and height",
+                asked: format!("{}x{}", settings.width, settings.height),
+                applied: format!("{width}x{height} in {}", first.display()),
+                remedy: "set width and height to the size of the pictures, the same for all".into(),
+            });
         }
+        self.size = Some((width, height));
         self.fps = settings.fps;
         Ok(Applied {
             width: settings.width,
@@ -105,7 +107,7 @@ impl Camera for ReplayCamera {
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
-        let needed = self.frames.first().map_or(0, Vec::len);
+        let needed = self.size.map_or(0, |(width, height)| width as usize * height as usize);
         if slot.len() != needed {
             return Err(self
                 .failed("queueing a slot", format!("the slot has {} bytes, a frame {needed}", slot.len())));
@@ -115,29 +117,46 @@ impl Camera for ReplayCamera {
     }
 
     fn start(&mut self) -> Result<(), CameraError> {
-        if self.frames.is_empty() {
-            return Err(self.failed("starting", "it is not configured".into()));
-        }
+        let size = self.size.ok_or_else(|| self.failed("starting", "it is not configured".into()))?;
+        // Ended before the next one begins: both would read.
+        self.ahead = None;
+        let ahead = Ahead::start(self.folder.clone(), size);
+        self.ahead = Some(ahead.map_err(|error| self.failed("starting", error.to_string()))?);
         self.paced.start(self.fps);
         Ok(())
     }
 
     fn next(&mut self, timeout: Duration) -> Result<Event, CameraError> {
-        let Some(due) = self.paced.next(deadline(timeout)) else { return Ok(Event::Timeout) };
+        let deadline_ns = deadline(timeout);
+        let Some(due) = self.paced.next(deadline_ns) else { return Ok(Event::Timeout) };
+        let taken = self.ahead.as_ref().map_or(Taken::Ended, |ahead| ahead.take(due.frame_id, deadline_ns));
         let mut slot = due.slot;
-        // `start` refuses an empty folder, so there is always a picture.
-        if let Some(picture) = self.frames.get((due.frame_id % self.frames.len().max(1) as u64) as usize) {
-            slot.pixels_mut().copy_from_slice(picture);
+        match taken {
+            Taken::Whole(picture) if picture.len() == slot.len() => {
+                slot.pixels_mut().copy_from_slice(&picture);
+                // Its memory goes back before the frame is complete: what follows is the frame path.
+                drop(picture);
+                Ok(Event::Complete(Capture {
+                    slot,
+                    frame_id: due.frame_id,
+                    device_timestamp_ns: None,
+                    arrival_monotonic_ns: monotonic_ns(),
+                }))
+            }
+            Taken::Whole(_) | Taken::Broken => Ok(Event::Incomplete(slot)),
+            // A disk that is too slow loses frames as a late consumer does: the rhythm goes on, and the frame ids jump.
+            Taken::Late => {
+                self.paced.withdraw(Due { slot, ..due });
+                Ok(Event::Timeout)
+            }
+            Taken::Ended => {
+                Err(self.failed("reading its pictures", "the thread that reads them ended".into()))
+            }
         }
-        Ok(Event::Complete(Capture {
-            slot,
-            frame_id: due.frame_id,
-            device_timestamp_ns: None,
-            arrival_monotonic_ns: monotonic_ns(),
-        }))
     }
 
     fn stop(&mut self) {
+        self.ahead = None;
         self.paced.stop();
     }
 }

@@ -6,6 +6,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use uvcam_masker::file::MAX_PIXELS;
 use uvcam_shm_ipc::{Slot, monotonic_ns};
 
 use super::paced::{Paced, deadline, sleep_until};
@@ -103,6 +104,19 @@ impl Device {
     }
 }
 
+/// Refuses frames that no mask can be for: they would take gigabytes to draw.
+fn check_size(settings: &Settings) -> Result<(), CameraError> {
+    match u64::from(settings.width) * u64::from(settings.height) {
+        0..=MAX_PIXELS => Ok(()),
+        _ => Err(CameraError::Refused {
+            setting: "width and height",
+            asked: format!("{}x{}", settings.width, settings.height),
+            applied: format!("at most {MAX_PIXELS} pixels"),
+            remedy: "set a smaller width or height".into(),
+        }),
+    }
+}
+
 /// What happens to the frame that is due.
 enum Fate {
     Whole,
@@ -197,6 +211,7 @@ impl Camera for SimulatedCamera {
 
     fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError> {
         settings.check_not_binned()?;
+        check_size(settings)?;
         settings.check_exposure_fits(self.device.script.readout_us)?;
         // As a sensor does, it knows exposures of whole microseconds and gains of tenths of a decibel.
         let is_wrong = self.device.misconfigures();

@@ -1,17 +1,21 @@
 //! The file as written, and its way to a valid [`Config`].
 
 use std::fmt::Display;
+use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use toml::Spanned;
-use uvcam_shm_ipc::PixelFormat;
+use toml::de::{DeTable, Deserializer};
+use uvcam_shm_ipc::{IpcError, PixelFormat};
 
-use super::error::Text;
+use super::error::{Text, shortened};
 use super::generate::GenerateTable;
+use super::keys::suggestion;
 use super::realtime::RealtimeTable;
+use super::shared::Shared;
 use super::source::SourceTable;
-use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice};
+use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice, Source};
 use crate::camera::Settings;
 
 #[derive(Deserialize)]
@@ -28,11 +32,11 @@ struct Document {
 #[serde(deny_unknown_fields)]
 struct IpcTable {
     prefix: Option<Spanned<String>>,
-    root_path: Option<Spanned<PathBuf>>,
-    max_subscribers: Option<Spanned<usize>>,
-    buffer: Option<Spanned<usize>>,
-    borrowed: Option<Spanned<usize>>,
-    slots: Option<Spanned<usize>>,
+    root_path: Option<Spanned<String>>,
+    max_subscribers: Option<Spanned<u64>>,
+    buffer: Option<Spanned<u64>>,
+    borrowed: Option<Spanned<u64>>,
+    slots: Option<Spanned<u64>>,
 }
 
 #[derive(Deserialize)]
@@ -40,12 +44,12 @@ struct IpcTable {
 struct CameraTable {
     name: Spanned<String>,
     source: Spanned<SourceTable>,
-    width: Spanned<u32>,
-    height: Spanned<u32>,
-    offset_x: Option<Spanned<u32>>,
-    offset_y: Option<Spanned<u32>>,
-    binning_horizontal: Option<Spanned<u32>>,
-    binning_vertical: Option<Spanned<u32>>,
+    width: Spanned<u64>,
+    height: Spanned<u64>,
+    offset_x: Option<Spanned<u64>>,
+    offset_y: Option<Spanned<u64>>,
+    binning_horizontal: Option<Spanned<u64>>,
+    binning_vertical: Option<Spanned<u64>>,
     pixel_format: Option<Spanned<String>>,
     fps: Spanned<f64>,
     exposure_us: Spanned<f64>,
@@ -58,35 +62,52 @@ struct CameraTable {
 }
 
 /// What may name a camera or a UAV.
-const NAME: &str = "1 to 64 letters, digits, \"_\" or \"-\"";
+const NAME: &str = "1 to 64 letters, digits, \"_\" or \"-\" (ASCII)";
 /// Where a mask lies that the configuration does not name: as UVDAR names them.
 const MASK: &str = "{uav}_{serial}.png";
 pub(super) const EXPOSURE: &str = "1 to 10000000 microseconds";
 pub(super) const GAIN: &str = "-40 to 80 decibels";
 /// The largest image side that is taken for meant, px.
-const LARGEST_SIDE: u32 = 16384;
+const LARGEST_SIDE: u64 = 16384;
 
 pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
     let place = Text { text, file };
-    let document: Document = toml::from_str(text).map_err(|error| place.translate(&error))?;
     let reader = Reader(place);
+    let parsed = DeTable::parse(text).map_err(|error| place.not_toml(&error))?;
+    reader.check_headings(parsed.get_ref())?;
+    reader.check_sources(parsed.get_ref())?;
+    let document = Document::deserialize(Deserializer::from(parsed.clone()))
+        .map_err(|error| place.not_ours(&error, parsed.get_ref()))?;
     let uav =
         reader.value_or("uav", document.uav, "uav".into(), NAME, |text| is_name(text) && text.len() <= 64)?;
     let ipc = reader.ipc(document.ipc)?;
     if document.camera.is_empty() {
         return Err(reader.0.refuse(0..0, "camera", "no [[camera]] table".into(), "at least one camera"));
     }
-    let mut cameras: Vec<CameraConfig> = Vec::with_capacity(document.camera.len());
+    let mut cameras = Vec::with_capacity(document.camera.len());
+    let mut shared = Shared::default();
     for table in document.camera {
-        let name = table.name.clone();
+        let places = table.places();
         let camera = reader.camera(table, &uav)?;
-        if cameras.iter().any(|other| other.name == camera.name) {
-            let found = format!("\"{}\" a second time", camera.name);
-            return Err(reader.0.refuse(name.span(), "name", found, "a name of its own for each camera"));
-        }
+        shared.check(&reader.0, &camera, &places)?;
         cameras.push(camera);
     }
     Ok(Config { digest: super::digest(text), ipc, cameras })
+}
+
+/// Where the keys are that no two cameras may have in common.
+pub(super) struct Places {
+    pub(super) name: Range<usize>,
+    pub(super) source: Range<usize>,
+    pub(super) mask: Range<usize>,
+}
+
+impl CameraTable {
+    fn places(&self) -> Places {
+        let (name, source) = (self.name.span(), self.source.get_ref().place());
+        let mask = self.mask.as_ref().map_or(name.clone(), Spanned::span);
+        Places { name, source, mask }
+    }
 }
 
 pub(super) struct Reader<'a>(pub(super) Text<'a>);
@@ -103,7 +124,7 @@ impl Reader<'_> {
         if valid(value.get_ref()) {
             return Ok(value.into_inner());
         }
-        let found = value.get_ref().to_string();
+        let found = shortened(&value.get_ref().to_string());
         let found = if found.is_empty() { "an empty text".into() } else { found };
         Err(self.0.refuse(value.span(), key, found, allowed))
     }
@@ -120,56 +141,123 @@ impl Reader<'_> {
         value.map_or(Ok(default), |value| self.value(key, value, allowed, valid))
     }
 
+    /// A whole number within its range, or a refusal.
+    pub(super) fn whole<T: TryFrom<u64>>(
+        &self,
+        key: &str,
+        value: Spanned<u64>,
+        allowed: &str,
+        range: RangeInclusive<u64>,
+    ) -> Result<T, ConfigError> {
+        let span = value.span();
+        let number = self.value(key, value, allowed, |number| range.contains(number))?;
+        T::try_from(number).map_err(|_| self.0.refuse(span, key, number.to_string(), allowed))
+    }
+
+    /// A path as it is written. Nothing in it is expanded, so what a shell would expand is refused.
+    pub(super) fn path(
+        &self,
+        key: &str,
+        value: Spanned<String>,
+        allowed: &str,
+    ) -> Result<String, ConfigError> {
+        let span = value.span();
+        let path = self.value(key, value, allowed, |path| !path.is_empty())?;
+        let shown = || format!("{path:?}");
+        let unexpanded = match path.chars().next() {
+            Some('~') => Some("~ is not expanded"),
+            Some('$') => Some("variables are not expanded"),
+            _ => None,
+        };
+        if let Some(cause) = unexpanded {
+            let write = format!("{cause}: write the folders out, from / on");
+            return Err(self.0.mistyped(span.start, key, shown(), write));
+        }
+        if path.contains(char::is_control) {
+            return Err(self.0.refuse(span, key, shown(), "a path without control characters"));
+        }
+        Ok(path)
+    }
+
+    /// One `[camera]` is no list of cameras, and nothing else is one: a list would be taken for a table, its elements for keys.
+    fn check_headings(&self, document: &DeTable<'_>) -> Result<(), ConfigError> {
+        self.check_single(document, "ipc", "write [ipc]")?;
+        let Some((key, cameras)) = document.get_key_value("camera") else { return Ok(()) };
+        let mistyped = |found: &str| {
+            let write = "write [[camera]] above each camera".into();
+            Err(self.0.mistyped(key.span().start, "camera", found.into(), write))
+        };
+        let Some(cameras) = cameras.get_ref().as_array() else { return mistyped("a single table") };
+        for camera in cameras.iter() {
+            let Some(camera) = camera.get_ref().as_table() else { return mistyped("a list without tables") };
+            self.check_single(camera, "source", "write source = { ... }")?;
+            self.check_single(camera, "generate", "write [camera.generate]")?;
+            self.check_single(camera, "realtime", "write [camera.realtime]")?;
+        }
+        Ok(())
+    }
+
+    fn check_single(&self, table: &DeTable<'_>, key: &str, write: &str) -> Result<(), ConfigError> {
+        match table.get_key_value(key) {
+            Some((place, value)) if value.get_ref().is_array() => {
+                Err(self.0.mistyped(place.span().start, key, "a list".into(), write.into()))
+            }
+            _ => Ok(()),
+        }
+    }
+
     fn ipc(&self, table: IpcTable) -> Result<Ipc, ConfigError> {
         let default = uvcam_shm_ipc::Settings::default();
-        let root_path = match table.root_path {
-            None => default.root_path,
-            Some(path) if path.get_ref().is_absolute() => path.into_inner(),
-            Some(path) => {
-                let found = path.get_ref().display().to_string();
-                return Err(self.0.refuse(path.span(), "root_path", found, "an absolute path"));
-            }
+        let places = [
+            ("prefix", table.prefix.as_ref().map(Spanned::span)),
+            ("root_path", table.root_path.as_ref().map(Spanned::span)),
+            ("max_subscribers", table.max_subscribers.as_ref().map(Spanned::span)),
+            ("buffer", table.buffer.as_ref().map(Spanned::span)),
+            ("borrowed", table.borrowed.as_ref().map(Spanned::span)),
+        ];
+        let number = |value: Option<Spanned<u64>>, default| {
+            value.map_or(default, |value| usize::try_from(value.into_inner()).unwrap_or(usize::MAX))
         };
-        Ok(Ipc {
-            settings: uvcam_shm_ipc::Settings {
-                prefix: self.value_or(
-                    "prefix",
-                    table.prefix,
-                    default.prefix,
-                    "1 to 32 letters, digits, \"_\" or \"-\"",
-                    |text| is_name(text) && text.len() <= 32,
-                )?,
-                root_path,
-                max_subscribers: self.value_or(
-                    "max_subscribers",
-                    table.max_subscribers,
-                    default.max_subscribers,
-                    "1 to 64",
-                    |n| (1..=64).contains(n),
-                )?,
-                buffer: self.value_or("buffer", table.buffer, default.buffer, "1 to 256 frames", |n| {
-                    (1..=256).contains(n)
-                })?,
-                borrowed: self.value_or(
-                    "borrowed",
-                    table.borrowed,
-                    default.borrowed,
-                    "1 to 64 frames",
-                    |n| (1..=64).contains(n),
-                )?,
-            },
-            slots: self.value_or("slots", table.slots, 6, "2 to 64", |n| (2..=64).contains(n))?,
-        })
+        let root_path = table.root_path.map(|path| self.path("root_path", path, "an absolute path"));
+        let settings = uvcam_shm_ipc::Settings {
+            prefix: table.prefix.map_or(default.prefix, Spanned::into_inner),
+            root_path: root_path.transpose()?.map_or(default.root_path, PathBuf::from),
+            max_subscribers: number(table.max_subscribers, default.max_subscribers),
+            buffer: number(table.buffer, default.buffer),
+            borrowed: number(table.borrowed, default.borrowed),
+        };
+        match settings.validate() {
+            Ok(()) => {}
+            Err(IpcError::Setting { key, found, allowed }) => {
+                // Two keys can be too much together where only one of them is written.
+                let place = places.iter().find(|(name, place)| *name == key && place.is_some());
+                let place = place.or_else(|| places.iter().find(|(_, place)| place.is_some()));
+                let span = place.and_then(|(_, place)| place.clone()).unwrap_or_default();
+                return Err(self.0.refuse(span, key, found, allowed));
+            }
+            Err(error) => {
+                return Err(self.0.refuse(0..0, "ipc", error.to_string(), "what can be an address"));
+            }
+        }
+        let slots = table.slots.map(|slots| self.whole("slots", slots, "2 to 64", 2..=64));
+        Ok(Ipc { settings, slots: slots.transpose()?.unwrap_or(6) })
     }
 
     fn camera(&self, table: CameraTable, uav: &str) -> Result<CameraConfig, ConfigError> {
-        let side = |key, value| self.value(key, value, "1 to 16384 px", |n| (1..=LARGEST_SIDE).contains(n));
-        let offset = |key, value| self.value_or(key, value, 0, "0 to 16384 px", |n| *n <= LARGEST_SIDE);
-        let binning = |key, value| self.value_or(key, value, 1, "1 to 16", |n| (1..=16).contains(n));
+        let side = |key, value| self.whole::<u32>(key, value, "1 to 16384 px", 1..=LARGEST_SIDE);
+        let offset = |key, value: Option<_>| match value {
+            Some(value) => self.whole(key, value, "0 to 16384 px", 0..=LARGEST_SIDE),
+            None => Ok(0),
+        };
+        let binning = |key, value: Option<_>| match value {
+            Some(value) => self.whole(key, value, "1 to 16", 1..=16),
+            None => Ok(1),
+        };
         let pixel_format = match table.pixel_format {
             None => PixelFormat::Mono8,
             Some(name) => name.get_ref().parse().map_err(|_| {
-                let found = format!("\"{}\"", name.get_ref());
+                let known = ["Mono8", "Mono10", "Mono12", "Mono16"];
+                let found = format!("\"{}\"{}", name.get_ref(), suggestion(name.get_ref(), &known));
                 self.0.refuse(name.span(), "pixel_format", found, "Mono8, Mono10, Mono12 or Mono16")
             })?,
         };
@@ -194,21 +282,43 @@ impl Reader<'_> {
         };
         let name = self.value("name", table.name, NAME, |text| is_name(text) && text.len() <= 64)?;
         let source = self.source(table.source)?;
-        let allowed = "a PNG file, or \"none\" to fly without a mask";
-        let mask = self.value_or("mask", table.mask, MASK.into(), allowed, |text| !text.is_empty())?;
-        let mask = match mask.as_str() {
-            "none" => MaskChoice::None,
-            template => {
-                let file = template
-                    .replace("{uav}", uav)
-                    .replace("{camera}", &name)
-                    .replace("{serial}", source.serial());
-                MaskChoice::File(self.resolve(file.as_ref()))
-            }
+        let mask = match table.mask {
+            Some(mask) => self.mask(mask, uav, &name, &source)?,
+            None => self.mask_file(MASK, uav, &name, &source),
         };
         let generate = self.generate(table.generate, &settings)?;
         let realtime = table.realtime.read(self)?;
         Ok(CameraConfig { name, source, settings, mask, generate, realtime })
+    }
+
+    fn mask(
+        &self,
+        mask: Spanned<String>,
+        uav: &str,
+        name: &str,
+        source: &Source,
+    ) -> Result<MaskChoice, ConfigError> {
+        let span = mask.span();
+        let template = self.path("mask", mask, "a PNG file, or \"none\" to fly without a mask")?;
+        let mistyped = |write: String| self.0.mistyped(span.start, "mask", format!("{template:?}"), write);
+        if template == "none" {
+            return Ok(MaskChoice::None);
+        }
+        if ["none", "no", "off", "false", "null"].contains(&template.trim().to_lowercase().as_str()) {
+            let file = format!("\"./{}\" for a file of this name", template.trim());
+            return Err(mistyped(format!("write \"none\" to fly without a mask, {file}")));
+        }
+        let rest = template.replace("{uav}", "").replace("{camera}", "").replace("{serial}", "");
+        if rest.contains('{') && rest.contains('}') {
+            return Err(mistyped("write {uav}, {serial} or {camera}: only these stand for names".into()));
+        }
+        Ok(self.mask_file(&template, uav, name, source))
+    }
+
+    fn mask_file(&self, template: &str, uav: &str, name: &str, source: &Source) -> MaskChoice {
+        let file =
+            template.replace("{uav}", uav).replace("{camera}", name).replace("{serial}", source.serial());
+        MaskChoice::File(self.resolve(file.as_ref()))
     }
 
     /// A relative path starts at the configuration's folder.

@@ -6,6 +6,9 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+/// How much of a line a message repeats, characters.
+const SHOWN: usize = 60;
+
 /// Why a configuration was refused.
 #[derive(Debug, Error)]
 pub enum ConfigError {
@@ -16,6 +19,22 @@ pub enum ConfigError {
         file: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// What the path leads to cannot be a configuration.
+    #[error("{}: found {found}; --config names a text file of at most 1 MB", file.display())]
+    NotAConfiguration {
+        /// The path.
+        file: PathBuf,
+        /// What it leads to.
+        found: &'static str,
+    },
+    /// The file is text of another encoding, or no text.
+    #[error("{place}: {found}; save it as UTF-8")]
+    Encoding {
+        /// File and line.
+        place: Place,
+        /// What shows it.
+        found: String,
     },
     /// A key has a value that is not allowed, is unknown, or is missing.
     #[error("{place}: {key}: found {found}; allowed: {allowed}")]
@@ -29,12 +48,24 @@ pub enum ConfigError {
         /// What is allowed.
         allowed: String,
     },
+    /// What was meant is plain, and is written in another way.
+    #[error("{place}: {key}: found {found}; {write}")]
+    Mistyped {
+        /// File and line.
+        place: Place,
+        /// The key.
+        key: String,
+        /// What was written.
+        found: String,
+        /// What to write.
+        write: String,
+    },
     /// The text is not TOML.
     #[error("{place}: not TOML: {cause}")]
     Syntax {
         /// File and line.
         place: Place,
-        /// What the parser said.
+        /// What the parser said, and of what.
         cause: String,
     },
 }
@@ -46,6 +77,14 @@ pub struct Place {
     pub file: PathBuf,
     /// The line, from 1.
     pub line: usize,
+}
+
+impl Place {
+    /// The line of the byte at `offset`.
+    pub(super) fn of(text: &[u8], offset: usize, file: &Path) -> Self {
+        let before = text.iter().take(offset);
+        Place { file: file.to_path_buf(), line: 1 + before.filter(|byte| **byte == b'\n').count() }
+    }
 }
 
 impl fmt::Display for Place {
@@ -62,77 +101,39 @@ pub(super) struct Text<'a> {
 }
 
 impl Text<'_> {
-    fn place(&self, offset: usize) -> Place {
-        let before = self.text.as_bytes().iter().take(offset);
-        Place { file: self.file.to_path_buf(), line: 1 + before.filter(|byte| **byte == b'\n').count() }
+    pub(super) fn place(&self, offset: usize) -> Place {
+        Place::of(self.text.as_bytes(), offset, self.file)
     }
 
     pub(super) fn refuse(&self, span: Range<usize>, key: &str, found: String, allowed: &str) -> ConfigError {
-        ConfigError::Value { place: self.place(span.start), key: key.into(), found, allowed: allowed.into() }
+        ConfigError::Value {
+            place: self.place(span.start),
+            key: shortened(key),
+            found: printable(&found),
+            allowed: printable(allowed),
+        }
     }
 
-    /// Turns the parser's message into the same form as our own refusals.
-    pub(super) fn translate(&self, error: &toml::de::Error) -> ConfigError {
-        let offset = error.span().map_or(0, |span| span.start);
-        let place = self.place(offset);
-        let message = error.message();
-        let mut quoted = message.split('`').skip(1).step_by(2);
-        let value = |key: String, found: String, allowed: String| ConfigError::Value {
-            place: place.clone(),
-            key,
-            found,
-            allowed,
-        };
-        if message.starts_with("unknown field") {
-            let key = quoted.next().unwrap_or_default().to_owned();
-            let known: Vec<&str> = quoted.collect();
-            let nearest = known
-                .iter()
-                .max_by(|a, b| strsim::jaro_winkler(a, &key).total_cmp(&strsim::jaro_winkler(b, &key)));
-            let suggestion = nearest
-                .filter(|name| strsim::jaro_winkler(name, &key) > 0.7)
-                .map_or(String::new(), |name| format!(" (did you mean \"{name}\"?)"));
-            return value(key, format!("an unknown key{suggestion}"), known.join(", "));
-        }
-        if message.starts_with("missing field") {
-            return value(
-                quoted.next().unwrap_or_default().to_owned(),
-                "nothing".into(),
-                "this key must be written".into(),
-            );
-        }
-        if let Some((found, expected)) = message
-            .strip_prefix("invalid type: ")
-            .or_else(|| message.strip_prefix("invalid value: "))
-            .and_then(|rest| rest.split_once(", expected "))
-        {
-            return value(self.key_at(offset), found.replace('`', ""), in_plain_words(expected));
-        }
-        if let Some(key) =
-            message.strip_prefix("duplicate key").and(error.span()).and_then(|span| self.text.get(span))
-        {
-            return value(key.to_owned(), "the key a second time".into(), "each key once".into());
-        }
-        ConfigError::Syntax { place, cause: message.to_owned() }
-    }
-
-    /// The key whose value begins at `offset`.
-    fn key_at(&self, offset: usize) -> String {
-        let before = self.text.get(..offset).unwrap_or_default();
-        let statement = before.rsplit(['\n', ',', '{']).next().unwrap_or_default();
-        match statement.trim().trim_end_matches('=').trim() {
-            "" => "value".to_owned(),
-            key => key.trim_matches(['[', ']']).to_owned(),
+    pub(super) fn mistyped(&self, offset: usize, key: &str, found: String, write: String) -> ConfigError {
+        ConfigError::Mistyped {
+            place: self.place(offset),
+            key: shortened(key),
+            found: printable(&found),
+            write: printable(&write),
         }
     }
 }
 
-fn in_plain_words(expected: &str) -> String {
-    match expected {
-        "f64" => "a number".into(),
-        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number, not negative".into(),
-        "a boolean" => "true or false".into(),
-        other if other.starts_with("struct ") => "a table".into(),
-        other => other.into(),
+/// The text without what would change a terminal.
+pub(super) fn printable(text: &str) -> String {
+    text.chars().map(|character| if character.is_control() { '?' } else { character }).collect()
+}
+
+/// The beginning of a text on one line, for a message.
+pub(super) fn shortened(text: &str) -> String {
+    let mut shown: String = text.chars().take_while(|c| *c != '\n').take(SHOWN).collect();
+    if shown.chars().count() < text.chars().count() {
+        shown.push_str("...");
     }
+    printable(&shown)
 }

@@ -15,7 +15,7 @@ pub(super) struct GenerateTable {
     gain_db: Option<Spanned<f64>>,
     camera_place: Option<Spanned<String>>,
     ignore: Option<Vec<Spanned<String>>>,
-    ignore_polygons: Option<Vec<Vec<(u32, u32)>>>,
+    ignore_polygons: Option<Vec<Vec<Spanned<Vec<u32>>>>>,
     sigma: Option<Spanned<u32>>,
     eta: Option<Spanned<u32>>,
     leaf: Option<Spanned<u32>>,
@@ -78,7 +78,21 @@ impl Reader<'_> {
                 .rectangles
                 .push(rectangle.map_err(|_| self.0.refuse(text.span(), "ignore", found(), allowed))?);
         }
-        ignored.polygons.extend(table.ignore_polygons.unwrap_or_default());
+        for polygon in table.ignore_polygons.unwrap_or_default() {
+            let points = polygon.iter().map(|point| match point.get_ref().as_slice() {
+                [x, y] => Ok((*x, *y)),
+                other => {
+                    let found = format!("{} numbers", other.len());
+                    Err(self.0.refuse(
+                        point.span(),
+                        "ignore_polygons",
+                        found,
+                        "[x, y] in pixels for each point",
+                    ))
+                }
+            });
+            ignored.polygons.push(points.collect::<Result<_, _>>()?);
+        }
         Ok(Generate {
             exposure_us: self.value_or(
                 "exposure_us",

@@ -10,8 +10,8 @@ use crate::realtime::{LARGEST_CPU, Realtime};
 #[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RealtimeTable {
-    priority: Option<Spanned<u8>>,
-    cpus: Option<Vec<Spanned<usize>>>,
+    priority: Option<Spanned<u64>>,
+    cpus: Option<Vec<Spanned<u64>>>,
 }
 
 impl RealtimeTable {
@@ -19,9 +19,12 @@ impl RealtimeTable {
         let allowed = format!("cores from 0 to {LARGEST_CPU}");
         let cpus = self.cpus.unwrap_or_default().into_iter();
         Ok(Realtime {
-            priority: reader.value_or("priority", self.priority, 0, "0 to 99", |n| *n <= 99)?,
+            priority: match self.priority {
+                Some(priority) => reader.whole("priority", priority, "0 to 99", 0..=99)?,
+                None => 0,
+            },
             cpus: cpus
-                .map(|cpu| reader.value("cpus", cpu, &allowed, |cpu| *cpu <= LARGEST_CPU))
+                .map(|cpu| reader.whole("cpus", cpu, &allowed, 0..=LARGEST_CPU as u64))
                 .collect::<Result<_, _>>()?,
         })
     }

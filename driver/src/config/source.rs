@@ -1,21 +1,24 @@
 //! `source`, whose keys depend on its kind.
 
 use std::ops::Range;
-use std::path::PathBuf;
 
 use serde::Deserialize;
 use toml::Spanned;
+use toml::de::DeTable;
 
 use super::document::{EXPOSURE, Reader};
 use super::faults::FaultTable;
+use super::keys::{KINDS, nearest, suggestion};
 use super::{ConfigError, Simulated, Source, V4l2, V4l2Device, V4l2Memory};
+
+const ALL_KINDS: &str = "\"aravis\", \"replay\", \"simulated\" or \"v4l2\"";
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SourceTable {
     kind: Spanned<String>,
     serial: Option<Spanned<String>>,
-    path: Option<Spanned<PathBuf>>,
+    path: Option<Spanned<String>>,
     still: Option<Spanned<bool>>,
     readout_us: Option<Spanned<f64>>,
     faults: Option<Spanned<Vec<FaultTable>>>,
@@ -25,50 +28,80 @@ pub(super) struct SourceTable {
 }
 
 impl SourceTable {
-    /// The keys that are written, besides the kind, and where.
-    fn written(&self) -> impl Iterator<Item = (&'static str, Range<usize>)> {
-        let keys = [
-            ("serial", self.serial.as_ref().map(Spanned::span)),
-            ("path", self.path.as_ref().map(Spanned::span)),
-            ("still", self.still.as_ref().map(Spanned::span)),
-            ("readout_us", self.readout_us.as_ref().map(Spanned::span)),
-            ("faults", self.faults.as_ref().map(Spanned::span)),
-            ("memory", self.memory.as_ref().map(Spanned::span)),
-            ("gain_step_db", self.gain_step_db.as_ref().map(Spanned::span)),
-            ("fixed_exposure_us", self.fixed_exposure_us.as_ref().map(Spanned::span)),
-        ];
-        keys.into_iter().filter_map(|(key, place)| place.map(|place| (key, place)))
+    /// Where it says which device it is.
+    pub(super) fn place(&self) -> Range<usize> {
+        let serial = self.serial.as_ref().map(Spanned::span);
+        let path = self.path.as_ref().map(Spanned::span);
+        serial.or(path).unwrap_or_else(|| self.kind.span())
     }
 }
 
 impl Reader<'_> {
-    pub(super) fn source(&self, table: Spanned<SourceTable>) -> Result<Source, ConfigError> {
-        let (span, table) = (table.span(), table.into_inner());
-        let kind = table.kind.get_ref().as_str();
-        let keys: &[&str] = match kind {
-            "aravis" => &["serial"],
-            "replay" => &["path"],
-            "simulated" => &["serial", "still", "readout_us", "faults"],
-            "v4l2" => &["path", "serial", "memory", "gain_step_db", "fixed_exposure_us"],
-            other => {
-                let allowed = "\"aravis\", \"replay\", \"simulated\" or \"v4l2\"";
-                return Err(self.0.refuse(table.kind.span(), "kind", format!("\"{other}\""), allowed));
-            }
-        };
-        // A key that belongs to another kind would be ignored in silence.
-        for (key, place) in table.written() {
-            if !keys.contains(&key) {
-                let allowed = format!("no such key in a source of kind \"{kind}\"");
-                return Err(self.0.refuse(place, key, "a value".into(), &allowed));
+    /// Refuses kinds that there are not, and keys that are not of the kind: they would be ignored in silence. What else is wrong is told
+    /// later.
+    pub(super) fn check_sources(&self, document: &DeTable<'_>) -> Result<(), ConfigError> {
+        let cameras = document.get("camera").and_then(|cameras| cameras.get_ref().as_array());
+        let tables = cameras.into_iter().flat_map(|cameras| cameras.iter());
+        for camera in tables.filter_map(|camera| camera.get_ref().as_table()) {
+            if let Some(source) = camera.get("source").and_then(|source| source.get_ref().as_table()) {
+                self.check_source(source)?;
             }
         }
-        match kind {
+        Ok(())
+    }
+
+    fn check_source(&self, source: &DeTable<'_>) -> Result<(), ConfigError> {
+        let Some((_, kind)) = source.get_key_value("kind") else { return self.without_kind(source) };
+        let (place, Some(kind)) = (kind.span(), kind.get_ref().as_str()) else { return Ok(()) };
+        let Some((_, known)) = KINDS.iter().find(|(name, _)| *name == kind) else {
+            let found = format!("\"{kind}\"{}", suggestion(kind, &KINDS.map(|(name, _)| name)));
+            return Err(self.0.refuse(place, "kind", found, ALL_KINDS));
+        };
+        let strange =
+            source.keys().filter(|key| key.get_ref() != "kind" && !known.contains(&key.get_ref().as_ref()));
+        let Some(key) = strange.min_by_key(|key| key.span().start) else { return Ok(()) };
+        let (place, key) = (key.span(), key.get_ref());
+        let owners: Vec<&str> =
+            KINDS.iter().filter(|(_, keys)| keys.contains(&key.as_ref())).map(|(name, _)| *name).collect();
+        let keys = known.join(", ");
+        Err(match owners.is_empty() {
+            true => {
+                let found = format!("an unknown key{}", suggestion(key, known));
+                self.0.refuse(place, key, found, &format!("{keys} in a source of kind \"{kind}\""))
+            }
+            false => {
+                let owners = owners.join("\" or \"");
+                let allowed = format!(
+                    "no such key in a source of kind \"{kind}\" but {keys}; it is one of kind \"{owners}\""
+                );
+                self.0.refuse(place, key, "a value".into(), &allowed)
+            }
+        })
+    }
+
+    /// Another word may stand for it.
+    fn without_kind(&self, source: &DeTable<'_>) -> Result<(), ConfigError> {
+        match source.keys().find(|key| nearest(key.get_ref(), &["kind"]).is_some()) {
+            Some(key) => {
+                let found = format!("an unknown key{}", suggestion(key.get_ref(), &["kind"]));
+                Err(self.0.refuse(key.span(), key.get_ref(), found, &format!("kind = {ALL_KINDS}")))
+            }
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn source(&self, table: Spanned<SourceTable>) -> Result<Source, ConfigError> {
+        let (span, table) = (table.span(), table.into_inner());
+        match table.kind.get_ref().as_str() {
             "aravis" => Ok(Source::Aravis { serial: self.serial(table.serial, span)? }),
             "replay" => {
                 let path = table.path.ok_or_else(|| self.missing("path", span))?;
-                Ok(Source::Replay { path: self.resolve(path.get_ref()) })
+                Ok(Source::Replay {
+                    path: self.resolve(self.path("path", path, "a folder of PNG files")?.as_ref()),
+                })
             }
             "v4l2" => self.v4l2(table, span).map(Source::V4l2),
+            // `check_sources` has refused all others.
             _ => self.simulated(table, span).map(Source::Simulated),
         }
     }
@@ -90,7 +123,10 @@ impl Reader<'_> {
 
     fn v4l2(&self, table: SourceTable, span: Range<usize>) -> Result<V4l2, ConfigError> {
         let device = match (table.path, table.serial) {
-            (Some(path), None) => V4l2Device::Path(self.resolve(path.get_ref())),
+            (Some(path), None) => {
+                let path = self.path("path", path, "a device node, or a link to one")?;
+                V4l2Device::Path(self.resolve(path.as_ref()))
+            }
             (None, Some(serial)) => V4l2Device::Serial(self.serial(Some(serial), span)?),
             (Some(_), Some(_)) => {
                 let found = "both path and serial".into();
@@ -123,9 +159,11 @@ impl Reader<'_> {
         })
     }
 
+    /// Without the spaces around it: some devices pad theirs, and are compared without them.
     fn serial(&self, serial: Option<Spanned<String>>, span: Range<usize>) -> Result<String, ConfigError> {
         let serial = serial.ok_or_else(|| self.missing("serial", span))?;
-        self.value("serial", serial, "the camera's serial", |text| !text.is_empty())
+        let serial = self.value("serial", serial, "the camera's serial", |text| !text.trim().is_empty())?;
+        Ok(serial.trim().to_owned())
     }
 
     fn missing(&self, key: &str, span: Range<usize>) -> ConfigError {

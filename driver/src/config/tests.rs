@@ -4,6 +4,11 @@ use proptest::prelude::*;
 
 use super::*;
 
+mod file;
+mod mistakes;
+mod paths;
+mod shared;
+
 const CAMERA: &str = r#"
 [[camera]]
 name = "left"
@@ -198,6 +203,28 @@ proptest! {
     #[test]
     fn no_text_makes_the_reader_panic(text in "\\PC*") {
         let _ = parse(&text);
+    }
+
+    #[test]
+    fn no_bytes_make_the_reader_panic(bytes in any::<Vec<u8>>()) {
+        let _ = Config::from_bytes(&bytes, Path::new("uvcam.toml"));
+    }
+
+    #[test]
+    fn no_mistake_makes_the_reader_panic(
+        line in 0..CAMERA.lines().count(),
+        words in prop::collection::vec(prop::sample::select(vec![
+            "=", ",", "{", "}", "[", "]", "\"", "'", "#", "//", ":", ";", "0", "00", "1", ".", "-", "−", "~", "$", "€", "\u{a0}", "\r",
+            "\t", " ", "auto", "none", "true", "inf", "e9", "us", "serial", "mask", "camera", "\\", "“",
+        ]), 0..12),
+    ) {
+        let lines: Vec<&str> = CAMERA.lines().collect();
+        let (before, after) = lines.split_at(line);
+        let text = format!("{}\n{}\n{}", before.join("\n"), words.concat(), after.join("\n"));
+        if let Err(error) = parse(&text) {
+            let message = error.to_string();
+            prop_assert!(message.starts_with("/etc/uvcam/uvcam.toml:") && !message.contains(char::is_control), "{message:?}");
+        }
     }
 
     #[test]

@@ -71,10 +71,12 @@ impl Scene {
 
     fn new(purpose: Purpose, cameras: usize, mask: Mask) -> Scene {
         let (width, height) = (mask.width(), mask.height());
-        let names = (0..cameras).map(|camera| format!("camera{camera}"));
-        let tables: String = names.map(|name| table(&name, "mask.png", width, height)).collect();
+        let names: Vec<String> = (0..cameras).map(|camera| format!("camera{camera}")).collect();
+        let tables: String = names.iter().map(|name| table(name, "{camera}.png", width, height)).collect();
         let stage = Stage::new(&tables);
-        mask.save(&stage.file("mask.png"), &[]).unwrap();
+        for name in names {
+            mask.save(&stage.file(&format!("{name}.png")), &[]).unwrap();
+        }
         std::fs::write(stage.file("mask.raw"), mask.to_gray().into_raw()).unwrap();
         Scene { purpose, stage, width, height, cameras, mask }
     }

@@ -7,6 +7,8 @@ use crate::camera::Settings;
 
 /// Backgrounds in turn: the lamp comes back to its place after as many frames.
 const BACKGROUNDS: u64 = 8;
+/// Memory that all backgrounds may take together, bytes. Where a frame is so large that they would take more, there are fewer.
+const BACKGROUND_BYTES: u64 = 256 << 20;
 /// The exposure at which an airframe under the lamp is near the upper end of the scale, microseconds.
 const LIT_EXPOSURE_US: f64 = 5000.0;
 
@@ -20,6 +22,10 @@ pub(super) struct Scene {
     still: bool,
 }
 
+fn backgrounds(frame_bytes: usize) -> u64 {
+    (BACKGROUND_BYTES / (frame_bytes as u64).max(1)).clamp(1, BACKGROUNDS)
+}
+
 impl Scene {
     pub(super) fn new(settings: &Settings, exposure_us: f64, gain_db: f64, still: bool) -> Self {
         let brightness = exposure_us / LIT_EXPOSURE_US * 10f64.powf(gain_db / 20.0);
@@ -31,7 +37,7 @@ impl Scene {
             significant_bits: settings.pixel_format.significant_bits(),
             still,
         };
-        scene.backgrounds = (0..if still { 1 } else { BACKGROUNDS })
+        scene.backgrounds = (0..if still { 1 } else { backgrounds(scene.frame_bytes()) })
             .map(|index| scene.background(index, brightness))
             .collect();
         scene
@@ -159,5 +165,18 @@ impl Noise {
         bits ^= bits >> 31;
         let sum: u64 = (0..4).map(|part| bits >> (16 * part) & 0xffff).sum();
         (sum as f64 / 65536.0 - 2.0) * 3f64.sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn backgrounds_of_large_frames_are_fewer() {
+        assert_eq!(backgrounds(752 * 480), BACKGROUNDS);
+        assert_eq!(backgrounds(32 << 20), BACKGROUNDS);
+        assert_eq!(backgrounds(128 << 20), 2);
+        assert_eq!(backgrounds(1 << 40), 1);
     }
 }

@@ -1,0 +1,165 @@
+//! The parser's messages in the form of our own refusals: line, key, what was found, and what to write instead.
+
+use std::ops::Range;
+
+use toml::de::{DeTable, DeValue};
+
+use super::ConfigError;
+use super::error::{Text, shortened};
+use super::keys::{TOP, home_of, suggestion, table_of};
+use super::statement::{Statement, boolean, number};
+
+impl Text<'_> {
+    /// What is wrong with a text that is not TOML.
+    pub(super) fn not_toml(&self, error: &toml::de::Error) -> ConfigError {
+        let span = error.span().unwrap_or_default();
+        let message = error.message();
+        if message.starts_with("duplicate key") {
+            let key = self.text.get(span.clone()).unwrap_or_default();
+            return self.twice(span.start, key);
+        }
+        let statement = Statement::at(self.text, span.start);
+        match statement.remedy(message) {
+            Some(write) => self.mistyped(span.start, &statement.key, statement.found(), write),
+            None => {
+                let cause = format!("{}: {message}", statement.line());
+                ConfigError::Syntax { place: self.place(span.start), cause }
+            }
+        }
+    }
+
+    /// What is wrong with a document that has other keys, or values of other types, than a configuration.
+    pub(super) fn not_ours(&self, error: &toml::de::Error, document: &DeTable<'_>) -> ConfigError {
+        let span = error.span().unwrap_or_default();
+        let message = error.message();
+        let mut quoted = message.split('`').skip(1).step_by(2);
+        if message.starts_with("unknown field") {
+            let key = quoted.next().unwrap_or_default();
+            return self.unknown(span, key, &quoted.collect::<Vec<_>>());
+        }
+        if message.starts_with("missing field") {
+            let key = quoted.next().unwrap_or_default();
+            return self.refuse(span, key, "nothing".into(), "this key must be written");
+        }
+        let key = key_at(document, &span).unwrap_or("value");
+        let expected = message
+            .strip_prefix("invalid type: ")
+            .or_else(|| message.strip_prefix("invalid value: "))
+            .and_then(|rest| rest.split_once(", expected "));
+        match expected {
+            Some((found, expected)) => self.of_another_type(span, key, found, expected),
+            None if message.contains("overflow") => {
+                self.refuse(span.clone(), key, self.written(&span), "a number nearer to zero")
+            }
+            None => self.refuse(span.clone(), key, self.written(&span), &message.replace('`', "")),
+        }
+    }
+
+    fn twice(&self, offset: usize, key: &str) -> ConfigError {
+        match key {
+            "camera" => {
+                let write = "write [[camera]] above each camera".into();
+                self.mistyped(offset, key, "the heading a second time".into(), write)
+            }
+            _ => self.refuse(offset..offset, key, "the key a second time".into(), "each key once"),
+        }
+    }
+
+    fn unknown(&self, span: Range<usize>, key: &str, known: &[&str]) -> ConfigError {
+        match (table_of(known), home_of(key, known)) {
+            (Some(here), Some(home)) => {
+                let write = match (here, home) {
+                    (TOP, "[[camera]]") if ["generate", "realtime", "source"].contains(&key) => {
+                        format!("write [camera.{key}], below its camera")
+                    }
+                    (_, "[[camera]]") if here.starts_with("[camera.") => {
+                        format!("write it below [[camera]], above {here}")
+                    }
+                    (_, "source") => "write it in the braces of source = { ... }".into(),
+                    _ => format!("write it below the line {home}"),
+                };
+                let preposition = if here == TOP { "at" } else { "in" };
+                self.mistyped(span.start, key, format!("a key of {home} {preposition} {here}"), write)
+            }
+            _ => {
+                let found = format!("an unknown key{}", suggestion(key, known));
+                self.refuse(span, key, found, &known.join(", "))
+            }
+        }
+    }
+
+    fn of_another_type(&self, span: Range<usize>, key: &str, found: &str, expected: &str) -> ConfigError {
+        let written = self.text.get(span.clone()).unwrap_or_default();
+        let allowed = in_plain_words(expected, found);
+        let is_number = matches!(expected, "f64" | "u8" | "u16" | "u32" | "u64" | "usize");
+        let remedy = match expected {
+            "a string" if key == "mask" && ["true", "false"].contains(&written) => {
+                Some("write \"none\" to fly without a mask".into())
+            }
+            "a string" if is_plain(written) => Some(format!("write it in quotes: \"{written}\"")),
+            "a sequence" if is_plain(written) => Some(format!("write it in brackets: [{written}]")),
+            _ if key == "source" => Some("write { kind = \"aravis\", serial = \"25003774\" }".into()),
+            "a boolean" => boolean(written),
+            _ if is_number => number(key, written, expected != "f64"),
+            _ => None,
+        };
+        let allowed = remedy.map_or(allowed.clone(), |remedy| format!("{allowed}; {remedy}"));
+        let found = match found {
+            "map" if is_plain(written) => written.to_owned(),
+            "map" => "a table".into(),
+            "sequence" => "a list".into(),
+            other => other.replace('`', "").replace(" as i128", "").replace(" as u128", ""),
+        };
+        self.refuse(span, key, found, &allowed)
+    }
+
+    /// The beginning of what is written there.
+    fn written(&self, span: &Range<usize>) -> String {
+        shortened(self.text.get(span.clone()).unwrap_or_default())
+    }
+}
+
+/// Whether it is a number, a date or a word, not a text in quotes, a list or a table.
+fn is_plain(written: &str) -> bool {
+    !written.is_empty() && written.chars().all(|c| c.is_ascii_alphanumeric() || "+-._:".contains(c))
+}
+
+/// The key with the smallest value that holds the place.
+fn key_at<'a>(table: &'a DeTable<'_>, place: &Range<usize>) -> Option<&'a str> {
+    let mut best: Option<(&str, usize)> = None;
+    let mut tables = vec![table];
+    while let Some(table) = tables.pop() {
+        for (key, value) in table {
+            let span = value.span();
+            let is_smaller = best.is_none_or(|(_, length)| span.len() <= length);
+            if span.start <= place.start && place.end <= span.end && is_smaller {
+                best = Some((key.get_ref(), span.len()));
+            }
+            let mut values = vec![value.get_ref()];
+            while let Some(value) = values.pop() {
+                match value {
+                    DeValue::Table(inner) => tables.push(inner),
+                    DeValue::Array(array) => values.extend(array.iter().map(|value| value.get_ref())),
+                    _ => {}
+                }
+            }
+        }
+    }
+    best.map(|(key, _)| key)
+}
+
+fn in_plain_words(expected: &str, found: &str) -> String {
+    match expected {
+        "f64" if found.starts_with("integer") => "a number nearer to zero".into(),
+        "f64" => "a number".into(),
+        "u8" | "u16" | "u32" | "u64" | "usize" => match found.split_once(' ') {
+            Some(("integer", number)) if !number.contains('-') => "a smaller whole number".into(),
+            _ => "a whole number, not negative".into(),
+        },
+        "a boolean" => "true or false".into(),
+        "a string" => "a text".into(),
+        "a sequence" => "a list".into(),
+        other if other.starts_with("struct ") => "a table".into(),
+        other => other.into(),
+    }
+}

@@ -1,0 +1,169 @@
+//! What two cameras must not have in common: a name, a device, or files of a mask.
+
+use std::os::unix::fs::MetadataExt;
+use std::path::{Component, Path, PathBuf};
+
+use super::document::Places;
+use super::error::Text;
+use super::{CameraConfig, ConfigError, MaskChoice, Source, V4l2, V4l2Device};
+use crate::mask_store::MaskStore;
+
+/// What the cameras read so far have taken, each with the camera's name.
+#[derive(Default)]
+pub(super) struct Shared {
+    names: Vec<String>,
+    devices: Vec<(String, Device)>,
+    masks: Vec<(String, MaskFiles)>,
+}
+
+impl Shared {
+    /// Refuses a camera that takes what another one has.
+    pub(super) fn check(
+        &mut self,
+        text: &Text<'_>,
+        camera: &CameraConfig,
+        places: &Places,
+    ) -> Result<(), ConfigError> {
+        let name = &camera.name;
+        if self.names.contains(name) {
+            let found = format!("\"{name}\" a second time");
+            return Err(text.refuse(places.name.clone(), "name", found, "a name of its own for each camera"));
+        }
+        self.names.push(name.clone());
+        if let Some(device) = Device::of(&camera.source) {
+            if let Some((other, _)) = self.devices.iter().find(|(_, other)| other.is(&device)) {
+                let found = format!("\"{}\" a second time, for \"{name}\" after \"{other}\"", device.written);
+                let allowed = "a device of its own for each camera (uvcam list)";
+                return Err(text.refuse(places.source.clone(), device.key, found, allowed));
+            }
+            self.devices.push((name.clone(), device));
+        }
+        if let MaskChoice::File(path) = &camera.mask {
+            let files = MaskFiles::of(path);
+            if let Some((other, theirs)) = self.masks.iter().find(|(_, other)| other.meets(&files)) {
+                let found = match theirs.in_force == files.in_force || theirs.inode_is_that_of(&files) {
+                    true => format!("{} for \"{name}\", which is the mask of \"{other}\"", path.display()),
+                    false => format!(
+                        "{} for \"{name}\", whose candidate or history is among the files of \"{other}\"",
+                        path.display()
+                    ),
+                };
+                let allowed = "a mask file of its own for each camera, such as \"{camera}.png\"";
+                return Err(text.refuse(places.mask.clone(), "mask", found, allowed));
+            }
+            self.masks.push((name.clone(), files));
+        }
+        Ok(())
+    }
+}
+
+/// A device that one camera alone can have.
+struct Device {
+    /// The key that names it, and its value.
+    key: &'static str,
+    written: String,
+    identity: Identity,
+}
+
+#[derive(PartialEq)]
+enum Identity {
+    /// Serial, device id or address of a USB3 Vision or GigE Vision camera.
+    Vision(String),
+    /// Serial of a camera of the kernel.
+    Kernel(String),
+    /// Node of a camera of the kernel, links followed.
+    Node(PathBuf),
+}
+
+impl Device {
+    fn of(source: &Source) -> Option<Self> {
+        let (key, written, identity) = match source {
+            Source::Aravis { serial } => ("serial", serial.clone(), Identity::Vision(serial.clone())),
+            Source::V4l2(V4l2 { device: V4l2Device::Serial(serial), .. }) => {
+                ("serial", serial.clone(), Identity::Kernel(serial.clone()))
+            }
+            Source::V4l2(V4l2 { device: V4l2Device::Path(path), .. }) => {
+                ("path", path.display().to_string(), Identity::Node(resolved(path)))
+            }
+            Source::Replay { .. } | Source::Simulated(_) => return None,
+        };
+        Some(Device { key, written, identity })
+    }
+
+    fn is(&self, other: &Device) -> bool {
+        match (&self.identity, &other.identity) {
+            (Identity::Vision(one), Identity::Vision(other)) => {
+                one == other || is_device_id_of(one, other) || is_device_id_of(other, one)
+            }
+            (one, other) => one == other,
+        }
+    }
+}
+
+/// Whether `id` is `Vendor-Model-Serial` of this serial.
+fn is_device_id_of(id: &str, serial: &str) -> bool {
+    let model = id.strip_suffix(serial).and_then(|rest| rest.strip_suffix('-'));
+    model.is_some_and(|model| model.contains('-'))
+}
+
+/// The places that are written to for one mask.
+struct MaskFiles {
+    in_force: PathBuf,
+    /// Device and inode of the mask in force, where it is there.
+    inode: Option<(u64, u64)>,
+    /// All names that belong to it, the mask in force included; around a link as well as around what it leads to.
+    names: Vec<PathBuf>,
+    histories: Vec<PathBuf>,
+}
+
+impl MaskFiles {
+    fn of(path: &Path) -> Self {
+        let in_force = resolved(path);
+        let inode = std::fs::metadata(path).ok().map(|file| (file.dev(), file.ino()));
+        let mut files =
+            MaskFiles { in_force: in_force.clone(), inode, names: Vec::new(), histories: Vec::new() };
+        let link = path.parent().zip(path.file_name()).map(|(folder, name)| resolved(folder).join(name));
+        for name in [Some(in_force), link].into_iter().flatten() {
+            let store = MaskStore::new(&name);
+            files.names.extend(store.pictures());
+            files.names.extend([store.candidate(), name]);
+            files.histories.push(store.history_folder());
+        }
+        files
+    }
+
+    fn meets(&self, other: &MaskFiles) -> bool {
+        self.inode_is_that_of(other)
+            || self.names.iter().any(|name| other.names.contains(name))
+            || self.histories.iter().any(|history| other.histories.contains(history))
+            || self.lies_in_history_of(other)
+            || other.lies_in_history_of(self)
+    }
+
+    fn lies_in_history_of(&self, other: &MaskFiles) -> bool {
+        other.histories.iter().any(|history| self.names.iter().any(|name| name.starts_with(history)))
+    }
+
+    fn inode_is_that_of(&self, other: &MaskFiles) -> bool {
+        self.inode.is_some() && self.inode == other.inode
+    }
+}
+
+/// The path from `/` on, with links followed as far as it exists, and without detours.
+fn resolved(path: &Path) -> PathBuf {
+    without_links(&std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf()))
+}
+
+fn without_links(path: &Path) -> PathBuf {
+    if let Ok(path) = path.canonicalize() {
+        return path;
+    }
+    match (path.components().next_back(), path.parent()) {
+        (Some(Component::Normal(name)), Some(folder)) => without_links(folder).join(name),
+        (Some(Component::ParentDir), Some(folder)) => {
+            let folder = without_links(folder);
+            folder.parent().map_or(folder.clone(), Path::to_path_buf)
+        }
+        _ => path.to_path_buf(),
+    }
+}
