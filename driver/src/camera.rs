@@ -15,12 +15,15 @@ use crate::clock::DeviceClock;
 pub mod aravis;
 mod error;
 mod frame_id;
+mod identity;
 mod paced;
 pub mod replay;
 pub mod simulated;
 pub mod v4l2;
 
 pub use error::CameraError;
+pub use identity::Identity;
+pub(crate) use identity::{GIGE_VISION, listed, told};
 
 /// A camera that has been opened. It belongs to one thread at a time; one that has failed may be dropped on another, as closing a
 /// dead device can take seconds.
@@ -96,23 +99,6 @@ pub struct Capture {
     pub device_timestamp_ns: Option<u64>,
     /// CLOCK_MONOTONIC in nanoseconds when the frame was complete in memory.
     pub arrival_monotonic_ns: u64,
-}
-
-/// Who a device says it is.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
-pub struct Identity {
-    /// The `kind` that a configuration names: `aravis`, `simulated`, `replay`, `v4l2`.
-    pub kind: &'static str,
-    /// Manufacturer (SFNC `DeviceVendorName`).
-    pub vendor: String,
-    /// Model (SFNC `DeviceModelName`).
-    pub model: String,
-    /// Serial number (SFNC `DeviceSerialNumber`), by which a configuration finds the device.
-    pub serial: String,
-    /// How it is connected: `USB3Vision`, `GigEVision`, `none`, ...
-    pub transport: String,
-    /// Where it is connected: an IP address, a device node, a folder.
-    pub address: String,
 }
 
 /// What the configuration asks of a camera.

@@ -106,9 +106,9 @@ impl FramePath<'_> {
                 Event::Incomplete(slot) => {
                     add(&self.counters.incomplete, 1);
                     self.camera.queue(slot)?;
-                    silence.lasts(&self.camera.identity().serial, 1)?;
+                    silence.lasts(self.camera.identity(), 1)?;
                 }
-                Event::Timeout => silence.lasts(&self.camera.identity().serial, 0)?,
+                Event::Timeout => silence.lasts(self.camera.identity(), 0)?,
             }
             self.fill_queue()?;
         }

@@ -22,6 +22,7 @@ mod features;
 mod finder;
 mod gige;
 mod stream;
+mod usb;
 
 pub use finder::Finder;
 pub(crate) use gige::SOCKET_FRAMES;
