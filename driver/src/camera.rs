@@ -15,6 +15,7 @@ use crate::clock::DeviceClock;
 pub mod aravis;
 mod error;
 mod frame_id;
+mod grid;
 mod identity;
 mod paced;
 pub mod replay;
@@ -185,22 +186,33 @@ impl Settings {
     }
 }
 
-/// Refuses a setting that reads back as another value than was asked, beyond the device's step.
+/// The difference of exposure times that passes for rounding, microseconds: one of them, or 1 %.
+fn exposure_tolerance_us(exposure_us: f64) -> f64 {
+    (0.01 * exposure_us).max(1.0)
+}
+
+/// The difference of gains that passes for rounding, decibels.
+const GAIN_TOLERANCE_DB: f64 = 0.1;
+
+/// The difference of frame rates that passes for rounding, frames a second: 0.5 %. Devices round the period to whole sensor lines, or
+/// have a few rates and name them in units of their own.
+fn frame_rate_tolerance(fps: f64) -> f64 {
+    0.005 * fps
+}
+
+/// Refuses a setting that reads back as another value than was asked, beyond what passes for rounding.
 ///
 /// # Errors
-/// [`CameraError::Refused`] with both values and the step.
-pub fn verify(setting: &'static str, asked: f64, applied: f64, step: f64) -> Result<(), CameraError> {
-    // A device rounds to its grid; the last digits of a float conversion come on top.
-    let tolerance = step.abs() + asked.abs() * 1e-6 + 1e-9;
-    if (asked - applied).abs() <= tolerance {
+/// [`CameraError::Refused`] with both values.
+pub fn verify(setting: &'static str, asked: f64, applied: f64, tolerance: f64) -> Result<(), CameraError> {
+    // The last digits of a float conversion come on top.
+    if (asked - applied).abs() <= tolerance.abs() + asked.abs() * 1e-6 + 1e-9 {
         return Ok(());
     }
     Err(CameraError::Refused {
         setting,
         asked: asked.to_string(),
         applied: applied.to_string(),
-        remedy: format!(
-            "set {setting} = {applied}, or a value that the device can apply (its step is {step})"
-        ),
+        remedy: format!("set {setting} = {applied}, or another value that the device can apply"),
     })
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::KIND;
 use super::device::{Capability, Device};
-use crate::camera::{CameraError, Identity};
+use crate::camera::{CameraError, Identity, listed, told};
 use crate::config::V4l2Device;
 
 /// Every video device has a folder here, of the name of its node (sysfs).
@@ -51,14 +51,14 @@ pub(super) fn open(wanted: &V4l2Device) -> Result<(Device, Identity), CameraErro
 
 /// The node of the only camera with this serial.
 fn path_of(serial: &str, cameras: Vec<Identity>) -> Result<PathBuf, CameraError> {
-    let matching: Vec<&Identity> = cameras.iter().filter(|camera| camera.serial == serial).collect();
+    let matching: Vec<&Identity> = cameras.iter().filter(|camera| camera.serial == serial.trim()).collect();
     match matching.as_slice() {
         [] => Err(absent(serial, &described(&cameras))),
         [camera] => Ok(camera.address.clone().into()),
         several => Err(CameraError::Refused {
             setting: "serial",
             asked: serial.to_owned(),
-            applied: several.iter().map(|camera| camera.address.as_str()).collect::<Vec<_>>().join(", "),
+            applied: listed(several.iter().map(|camera| camera.address.clone()).collect()),
             remedy: "name the camera by its path instead, such as a link in /dev/v4l/by-path".into(),
         }),
     }
@@ -82,7 +82,7 @@ fn identity(capability: Capability, usb: Option<&Path>, node: &Path) -> Identity
     let Capability { driver, card, bus_info, .. } = capability;
     let attribute = |name: &str| {
         let text = fs::read_to_string(usb?.join(name)).ok()?;
-        Some(text.trim().to_owned()).filter(|text| !text.is_empty())
+        Some(told(&text)).filter(|text| !text.is_empty())
     };
     let bus = bus_info.split(':').next().unwrap_or_default().to_owned();
     Identity {
@@ -111,7 +111,7 @@ fn described(cameras: &[Identity]) -> String {
         .iter()
         .map(|Identity { model, serial, address, .. }| format!("{model} \"{serial}\" ({address})"))
         .collect();
-    described.join(", ")
+    listed(described)
 }
 
 fn absent(wanted: &str, found: &str) -> CameraError {
