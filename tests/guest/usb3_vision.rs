@@ -47,3 +47,27 @@ fn six_hundred_masked_frames_and_none_lost() {
     println!("{}", stderr(&output));
     assert!(output.status.success());
 }
+
+#[test]
+fn an_exposure_beside_the_steps_that_the_camera_tells_is_refused() {
+    let new = || Camera::with_exposure_steps(Identity::with_serial("U3V1"), 35.0);
+    let device = Plugged::new(new());
+    let configuration = camera("left", "U3V1");
+    let output = stage_with(&configuration).driver().finish();
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    // Steps begin at the smallest, 10 us.
+    let expected = "exposure_us = 1000 refused: the camera gives 10 to 1000000 in steps of 35; the nearest exposure_us are 990 and 1025";
+    assert!(stderr(&output).contains(expected), "{}", stderr(&output));
+
+    let stage = stage_with(&configuration.replace("exposure_us = 1000", "exposure_us = 1025"));
+    let mut subscriber = stage.subscriber("left");
+    let _driver = stage.driver();
+    assert_eq!(next_frame(&mut subscriber).header().exposure_us, 1025.0);
+    assert_eq!(device.device().float("ExposureTime"), 1025.0);
+}
+
+fn stage_with(configuration: &str) -> Stage {
+    let stage = Stage::new(configuration);
+    stage.write_mask("mask.png", SIZE, 100);
+    stage
+}
