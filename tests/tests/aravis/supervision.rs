@@ -135,7 +135,9 @@ fn where_no_frame_is_ever_whole_firewall_and_packet_size_are_named() {
             let output = Stage::new(&gige(ADDRESS)).driver().finish();
             let text = stderr(&output);
             assert_eq!(output.status.code(), Some(4), "{text}");
-            for word in [expected, "UDP from 127.0.0.1", "nft list ruleset", "GevSCPSPacketSize"] {
+            let told =
+                [expected, "UDP from 127.0.0.1", "nft list ruleset", "GevSCPSPacketSize", "in packets of"];
+            for word in told {
                 assert!(text.contains(word), "{word}: {text}");
             }
         }

@@ -84,6 +84,7 @@ pub(super) fn list() -> Vec<Identity> {
 
 /// Opens the device with the serial, device id or IPv4 address `wanted`.
 pub(super) fn open(wanted: &str) -> Result<Opened, CameraError> {
+    let wanted = wanted.trim();
     if wanted == FAKE_DEVICE_ID {
         return search(wanted, &[Transport::Fake]);
     }
@@ -148,12 +149,30 @@ fn scan(interface: &Interface) -> Vec<Found> {
 }
 
 fn open_listed(interface: &Interface, found: &[Found], wanted: &str) -> Option<Result<Opened, CameraError>> {
-    let Found { device_id, identity } = found.iter().find(|found| found.is(wanted))?;
+    let Found { device_id, identity } = match the_only(found, wanted) {
+        Ok(found) => found?,
+        Err(error) => return Some(Err(error)),
+    };
     let device = interface.open_device(Some(device_id)).map_err(|error| failed(wanted, "opening", error));
     Some(
         device
             .and_then(|device| Ok(Opened { camera: control(&device, wanted)?, identity: identity.clone() })),
     )
+}
+
+/// The device that is meant, where there is one. A serial is a maker's own: two makers can have given the same.
+fn the_only<'a>(found: &'a [Found], wanted: &str) -> Result<Option<&'a Found>, CameraError> {
+    let matching: Vec<&Found> = found.iter().filter(|found| found.is(wanted)).collect();
+    let Some(first) = matching.first() else { return Ok(None) };
+    if matching.iter().all(|found| found.device_id == first.device_id) {
+        return Ok(Some(first));
+    }
+    Err(CameraError::Refused {
+        setting: "serial",
+        asked: wanted.to_owned(),
+        applied: listed(matching.iter().map(|found| format!("\"{}\"", told(&found.device_id))).collect()),
+        remedy: "name the camera by one of these device ids instead".into(),
+    })
 }
 
 /// Opens a GigE Vision camera without asking every interface for others.
@@ -211,4 +230,35 @@ fn absent(wanted: &str, found: &[Found]) -> CameraError {
         false => listed(found),
     };
     CameraError::Absent { kind: KIND, wanted: wanted.to_owned(), found }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(vendor: &str, serial: &str) -> Found {
+        Found {
+            device_id: format!("{vendor}-Model-{serial}"),
+            identity: Identity {
+                kind: KIND,
+                vendor: vendor.into(),
+                model: "Model".into(),
+                serial: serial.into(),
+                transport: USB3_VISION.into(),
+                address: String::new(),
+            },
+        }
+    }
+
+    #[test]
+    fn a_serial_of_two_makers_is_refused_with_their_device_ids() {
+        let all = [found("Maker", "1"), found("Maker", "2"), found("Other", "2")];
+        let id = |wanted| the_only(&all, wanted).map(|found| found.map(|found| found.device_id.as_str()));
+        assert_eq!(id("1").unwrap(), Some("Maker-Model-1"));
+        assert_eq!(id("3").unwrap(), None);
+        assert_eq!(id("Other-Model-2").unwrap(), Some("Other-Model-2"));
+        let error = id("2").unwrap_err();
+        assert!(error.is_refusal(), "{error}");
+        assert!(error.to_string().contains("\"Maker-Model-2\", \"Other-Model-2\""), "{error}");
+    }
 }
