@@ -1,7 +1,9 @@
 //! A USB3 Vision camera behind the kernel's USB, libusb and aravis as they are.
 
+use uvcam::camera::aravis::AravisCamera;
 use uvcam_masker::ImageView;
 use uvcam_shm_ipc::Flags;
+use uvcam_tests::conformance::{settings, suite};
 use uvcam_tests::scene::picture;
 use uvcam_tests::usb::Plugged;
 use uvcam_tests::usb3_vision::{Camera, Identity};
@@ -20,6 +22,12 @@ fn camera(name: &str, serial: &str) -> String {
          width = {}\nheight = {}\nfps = 60\nexposure_us = 1000\nmask = \"mask.png\"\n",
         SIZE.0, SIZE.1
     )
+}
+
+#[test]
+fn it_conforms() {
+    let _device = Plugged::new(Camera::new(Identity::with_serial("U3V1")));
+    suite(&|| Box::new(AravisCamera::open("U3V1").unwrap()), &settings(SIZE.0, SIZE.1));
 }
 
 #[test]
