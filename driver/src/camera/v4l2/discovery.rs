@@ -4,6 +4,8 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use rustix::io::Errno;
+
 use super::KIND;
 use super::device::{Capability, Device};
 use crate::camera::{CameraError, Identity, listed, told};
@@ -43,7 +45,12 @@ pub(super) fn open(wanted: &V4l2Device) -> Result<(Device, Identity), CameraErro
             _ => CameraError::Device {
                 serial: path.display().to_string(),
                 doing: "opening",
-                cause: format!("{error}; check the rights on the device (udev rules)"),
+                cause: match Errno::from_io_error(&error) {
+                    Some(Errno::NOTTY) => {
+                        "it is no video device; uvcam list shows those that are cameras".into()
+                    }
+                    _ => format!("{error}; check the rights on the device (udev rules)"),
+                },
             },
         }),
     }
@@ -183,5 +190,6 @@ mod tests {
         );
         let error = open(&V4l2Device::Path("/dev/null".into())).err().unwrap();
         assert!(matches!(error, CameraError::Device { .. }), "{error}");
+        assert!(error.to_string().contains("it is no video device"), "{error}");
     }
 }
