@@ -15,12 +15,16 @@ use crate::clock::DeviceClock;
 pub mod aravis;
 mod error;
 mod frame_id;
+mod grid;
+mod identity;
 mod paced;
 pub mod replay;
 pub mod simulated;
 pub mod v4l2;
 
 pub use error::CameraError;
+pub use identity::Identity;
+pub(crate) use identity::{GIGE_VISION, listed, told};
 
 /// A camera that has been opened. It belongs to one thread at a time; one that has failed may be dropped on another, as closing a
 /// dead device can take seconds.
@@ -97,23 +101,6 @@ pub struct Capture {
     pub device_timestamp_ns: Option<u64>,
     /// CLOCK_MONOTONIC in nanoseconds when the frame was complete in memory.
     pub arrival_monotonic_ns: u64,
-}
-
-/// Who a device says it is.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
-pub struct Identity {
-    /// The `kind` that a configuration names: `aravis`, `simulated`, `replay`, `v4l2`.
-    pub kind: &'static str,
-    /// Manufacturer (SFNC `DeviceVendorName`).
-    pub vendor: String,
-    /// Model (SFNC `DeviceModelName`).
-    pub model: String,
-    /// Serial number (SFNC `DeviceSerialNumber`), by which a configuration finds the device.
-    pub serial: String,
-    /// How it is connected: `USB3Vision`, `GigEVision`, `none`, ...
-    pub transport: String,
-    /// Where it is connected: an IP address, a device node, a folder.
-    pub address: String,
 }
 
 /// What the configuration asks of a camera.
@@ -200,22 +187,33 @@ impl Settings {
     }
 }
 
-/// Refuses a setting that reads back as another value than was asked, beyond the device's step.
+/// The difference of exposure times that passes for rounding, microseconds: one of them, or 1 %.
+fn exposure_tolerance_us(exposure_us: f64) -> f64 {
+    (0.01 * exposure_us).max(1.0)
+}
+
+/// The difference of gains that passes for rounding, decibels.
+const GAIN_TOLERANCE_DB: f64 = 0.1;
+
+/// The difference of frame rates that passes for rounding, frames a second: 0.5 %. Devices round the period to whole sensor lines, or
+/// have a few rates and name them in units of their own.
+fn frame_rate_tolerance(fps: f64) -> f64 {
+    0.005 * fps
+}
+
+/// Refuses a setting that reads back as another value than was asked, beyond what passes for rounding.
 ///
 /// # Errors
-/// [`CameraError::Refused`] with both values and the step.
-pub fn verify(setting: &'static str, asked: f64, applied: f64, step: f64) -> Result<(), CameraError> {
-    // A device rounds to its grid; the last digits of a float conversion come on top.
-    let tolerance = step.abs() + asked.abs() * 1e-6 + 1e-9;
-    if (asked - applied).abs() <= tolerance {
+/// [`CameraError::Refused`] with both values.
+pub fn verify(setting: &'static str, asked: f64, applied: f64, tolerance: f64) -> Result<(), CameraError> {
+    // The last digits of a float conversion come on top.
+    if (asked - applied).abs() <= tolerance.abs() + asked.abs() * 1e-6 + 1e-9 {
         return Ok(());
     }
     Err(CameraError::Refused {
         setting,
         asked: asked.to_string(),
         applied: applied.to_string(),
-        remedy: format!(
-            "set {setting} = {applied}, or a value that the device can apply (its step is {step})"
-        ),
+        remedy: format!("set {setting} = {applied}, or another value that the device can apply"),
     })
 }

@@ -67,8 +67,12 @@ pub enum Check {
     UdevRule,
     /// No other program holds a camera.
     DeviceHolder,
+    /// Cameras of the kernel are named by what stays theirs.
+    DeviceName,
     /// Sockets hold the packets of GigE Vision cameras.
     SocketBuffer,
+    /// A firewall lets nobody but the cameras send to them.
+    Firewall,
     /// The driver may lock its memory.
     LockedMemory,
     /// The driver may use the real-time priorities that the configuration names.
@@ -112,7 +116,9 @@ pub fn examine(root: &Path, config: &Config) -> Vec<Finding> {
         access::nodes(&machine, &process, &nodes),
         access::rule(&machine, &cameras),
         access::holders(&machine, &nodes),
+        video::names(&machine, &video_cameras),
         network::socket_buffer(&machine, config),
+        network::firewall(&machine, config),
         process.limits(&machine, config),
         memory::shared(&machine, config),
         processor::governor(&machine),

@@ -125,9 +125,9 @@ impl FramePath<'_> {
                     self.position.incomplete += 1;
                     add(&self.counters.incomplete, 1);
                     self.camera.queue(slot)?;
-                    silence.lasts(&self.camera.identity().serial, 1)?;
+                    silence.lasts(self.camera.identity(), 1)?;
                 }
-                Event::Timeout => silence.lasts(&self.camera.identity().serial, 0)?,
+                Event::Timeout => silence.lasts(self.camera.identity(), 0)?,
             }
             self.fill_queue()?;
         }

@@ -39,7 +39,7 @@ impl Reporter {
     /// Takes a change of state into the record.
     pub fn set_state(&mut self, state: &State) {
         let code = match state {
-            State::Streaming => uvcam_shm_ipc::health::State::Streaming,
+            State::Streaming(_) => uvcam_shm_ipc::health::State::Streaming,
             State::Generating => uvcam_shm_ipc::health::State::Generating,
             State::Waiting(_) => uvcam_shm_ipc::health::State::Reconnecting,
             State::Refused(_) => uvcam_shm_ipc::health::State::Refused,
@@ -111,7 +111,7 @@ impl Reporter {
 /// What an error means to whoever looks at the camera from outside.
 fn cause(error: &Error) -> Cause {
     match error {
-        Error::Camera(CameraError::Absent { .. }) => Cause::Absent,
+        Error::Camera(CameraError::Absent { .. } | CameraError::Replaced { .. }) => Cause::Absent,
         Error::Camera(CameraError::Disconnected { .. }) => Cause::Disconnected,
         Error::Camera(CameraError::Silent { .. }) => Cause::Silent,
         Error::Camera(CameraError::Incomplete { .. }) => Cause::Incomplete,

@@ -14,7 +14,7 @@ use crate::camera::aravis::Finder;
 use crate::camera::replay::ReplayCamera;
 use crate::camera::simulated::Device;
 use crate::camera::v4l2::V4l2Camera;
-use crate::camera::{Applied, Camera, CameraError};
+use crate::camera::{Applied, Camera, CameraError, Identity};
 use crate::config::{CameraConfig, Ipc, Source, V4l2};
 use crate::counters::{Counters, add};
 use crate::error::{Error, with_causes};
@@ -35,8 +35,8 @@ const PATIENCE: Duration = Duration::from_millis(100);
 /// What a camera's thread is doing.
 #[derive(Debug)]
 pub enum State {
-    /// Frames are going out.
-    Streaming,
+    /// Frames of this device are going out.
+    Streaming(Identity),
     /// Lit frames are collected for a mask; nothing goes out.
     Generating,
     /// The camera failed and will be tried again.
@@ -106,6 +106,8 @@ pub struct Supervisor {
     camera: CameraConfig,
     ipc: Ipc,
     opener: Opener,
+    /// The device that was opened first: name and mask of the configuration belong to it.
+    first: Option<Identity>,
     publisher: Option<Publisher>,
     closing: Closing,
     commands: Receiver<Command>,
@@ -127,7 +129,19 @@ impl Supervisor {
     ) -> Self {
         let opener = Opener::new(&camera.source);
         let closing = Closing::default();
-        Supervisor { place, camera, ipc, opener, publisher: None, closing, commands, notify, counters, stop }
+        Supervisor {
+            place,
+            camera,
+            ipc,
+            opener,
+            first: None,
+            publisher: None,
+            closing,
+            commands,
+            notify,
+            counters,
+            stop,
+        }
     }
 
     /// Fulfils an order for a camera that no driver runs.
@@ -208,12 +222,23 @@ impl Supervisor {
             self.pause(PATIENCE);
         }
         self.counters.live();
-        let mut camera = self.opener.open()?;
+        let mut camera = self.open()?;
         let outcome = self.stream_from(camera.as_mut(), mask, listening);
         if outcome.is_err() {
             self.closing.close(&self.camera.name, camera);
         }
         outcome
+    }
+
+    /// Opens the camera. A configuration may name a place (an address, a node), where another device can be by now.
+    fn open(&mut self) -> Result<Box<dyn Camera>, CameraError> {
+        let camera = self.opener.open()?;
+        let found = camera.identity();
+        let first = self.first.get_or_insert_with(|| found.clone());
+        match first.is_same_device(found) {
+            true => Ok(camera),
+            false => Err(CameraError::Replaced { expected: first.to_string(), found: found.to_string() }),
+        }
     }
 
     /// Publishes the frames of an opened camera. Orders for lit frames are fulfilled between two epochs.
@@ -228,6 +253,7 @@ impl Supervisor {
             let applied = camera.configure(&self.camera.settings)?;
             let publisher = self.publisher_for(applied.payload_bytes)?;
             let header = self.header(&applied, mask, publisher.begin_epoch());
+            let identity = camera.identity().clone();
             let mut path = FramePath {
                 camera,
                 applied: &applied,
@@ -240,7 +266,7 @@ impl Supervisor {
                 slots: self.ipc.slots,
                 position: Position::default(),
             };
-            let order = path.run(&self.stop, || self.notify(State::Streaming));
+            let order = path.run(&self.stop, || self.notify(State::Streaming(identity)));
             self.publisher = Some(publisher);
             match order? {
                 Some(order) => {
@@ -284,7 +310,7 @@ impl Supervisor {
 
     /// Fulfils an order for a camera that publishes nothing, and closes it again.
     fn fulfil_while_closed(&mut self, order: Order) {
-        match self.opener.open() {
+        match self.open() {
             // What went wrong was told to whoever ordered.
             Ok(mut camera) => drop(self.fulfil(camera.as_mut(), order)),
             Err(error) => {

@@ -4,3 +4,4 @@
 mod usb3_vision;
 mod uvc;
 mod vivid;
+mod without_udevd;

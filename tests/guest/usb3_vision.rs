@@ -1,7 +1,9 @@
 //! A USB3 Vision camera behind the kernel's USB, libusb and aravis as they are.
 
+use uvcam::camera::aravis::AravisCamera;
 use uvcam_masker::ImageView;
 use uvcam_shm_ipc::Flags;
+use uvcam_tests::conformance::{settings, suite};
 use uvcam_tests::scene::picture;
 use uvcam_tests::usb::Plugged;
 use uvcam_tests::usb3_vision::{Camera, Identity};
@@ -20,6 +22,12 @@ fn camera(name: &str, serial: &str) -> String {
          width = {}\nheight = {}\nfps = 60\nexposure_us = 1000\nmask = \"mask.png\"\n",
         SIZE.0, SIZE.1
     )
+}
+
+#[test]
+fn it_conforms() {
+    let _device = Plugged::new(Camera::new(Identity::with_serial("U3V1")));
+    suite(&|| Box::new(AravisCamera::open("U3V1").unwrap()), &settings(SIZE.0, SIZE.1));
 }
 
 #[test]
@@ -46,4 +54,28 @@ fn six_hundred_masked_frames_and_none_lost() {
     let output = driver.stop();
     println!("{}", stderr(&output));
     assert!(output.status.success());
+}
+
+#[test]
+fn an_exposure_beside_the_steps_that_the_camera_tells_is_refused() {
+    let new = || Camera::with_exposure_steps(Identity::with_serial("U3V1"), 35.0);
+    let device = Plugged::new(new());
+    let configuration = camera("left", "U3V1");
+    let output = stage_with(&configuration).driver().finish();
+    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    // Steps begin at the smallest, 10 us.
+    let expected = "exposure_us = 1000 refused: the camera gives 10 to 1000000 in steps of 35; the nearest exposure_us are 990 and 1025";
+    assert!(stderr(&output).contains(expected), "{}", stderr(&output));
+
+    let stage = stage_with(&configuration.replace("exposure_us = 1000", "exposure_us = 1025"));
+    let mut subscriber = stage.subscriber("left");
+    let _driver = stage.driver();
+    assert_eq!(next_frame(&mut subscriber).header().exposure_us, 1025.0);
+    assert_eq!(device.device().float("ExposureTime"), 1025.0);
+}
+
+fn stage_with(configuration: &str) -> Stage {
+    let stage = Stage::new(configuration);
+    stage.write_mask("mask.png", SIZE, 100);
+    stage
 }

@@ -8,7 +8,7 @@ use uvcam_shm_ipc::{Frame, Subscriber, monotonic_ns};
 use uvcam_tests::scene::picture;
 use uvcam_tests::usb::Plugged;
 use uvcam_tests::uvc::{Camera, Fault, SIZE};
-use uvcam_tests::{Process, Stage, next_frame, stderr, wait_until};
+use uvcam_tests::{Process, Stage, health_where, next_frame, stderr, wait_until};
 use v4l::buffer::Type;
 use v4l::control::{Control, Value};
 use v4l::io::traits::CaptureStream;
@@ -208,4 +208,78 @@ fn a_camera_that_freezes_is_opened_again() {
         assert!(silence_ns < 1_000_000_000 + RECOVERY_NS, "{silence_ns} ns");
         flight.report("silence", "a new epoch", &format!("{:.2}", silence_ns as f64 * 1e-9));
     }
+}
+
+/// The link that leads to the camera by the port that it is in: another camera there has the same.
+fn by_path() -> PathBuf {
+    let folder = PathBuf::from("/dev/v4l/by-path");
+    let mut found = None;
+    wait_until("udev has linked the port", || {
+        let entries = fs::read_dir(&folder).into_iter().flatten().flatten();
+        found = entries.map(|entry| entry.path()).find(|path| {
+            let path = path.to_string_lossy();
+            path.contains("vhci_hcd") && path.contains("usb-") && path.ends_with("index0")
+        });
+        found.is_some()
+    });
+    found.unwrap()
+}
+
+#[test]
+fn another_camera_in_its_port_is_not_flown_and_itself_is() {
+    let camera = Plugged::new(Camera::new("UVC1"));
+    let port = by_path();
+    let stage = Stage::new(&format!(
+        "[[camera]]\nname = \"left\"\nwidth = {}\nheight = {}\nfps = 60\nexposure_us = 1000\nmask = \"none\"\n\
+         source = {{ kind = \"v4l2\", path = {port:?} }}\n",
+        SIZE.0, SIZE.1
+    ));
+    let mut subscriber = stage.subscriber("left");
+    let driver = stage.driver();
+    next_frame(&mut subscriber);
+    let mut health = stage.health("left");
+    drop(camera);
+    let other = Plugged::new(Camera::new("UVC2"));
+    let refused = health_where("the refusal", &mut health, |health| health.last_error().contains("UVC2"));
+    assert!(refused.last_error().contains("\"UVC1\" was opened first"), "{}", refused.last_error());
+    drop(other);
+    let _camera = Plugged::new(Camera::new("UVC1"));
+    while !next_frame(&mut subscriber).epoch_changed() {}
+    assert_eq!(subscriber.epochs(), 2);
+    let output = driver.stop();
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stderr(&output).contains("left: streaming, Emulated UVC \"UVC1\""), "{}", stderr(&output));
+}
+
+#[test]
+fn the_frame_rate_is_settled_before_the_exposure_and_a_constant_need_not_be_zero() {
+    let camera = Plugged::new(Camera::new("UVC1").with_frame_rate_locked_while_manual());
+    node("UVC1");
+    let stage = Stage::new(&format!(
+        "[[camera]]\nname = \"left\"\nwidth = {}\nheight = {}\nfps = 60\nexposure_us = 1000\nmask = \"none\"\n\
+         source = {{ kind = \"v4l2\", serial = \"UVC1\" }}\n",
+        SIZE.0, SIZE.1
+    ));
+    let mut subscriber = stage.subscriber("left");
+    let driver = stage.driver();
+    next_frame(&mut subscriber);
+    {
+        let camera = camera.device();
+        assert!(!camera.lowers_frame_rate());
+        assert_eq!((camera.exposure_us(), camera.backlight_compensation()), (Some(1000.0), 1));
+    }
+    driver.stop();
+
+    // Left behind by another program: fixed exposure, and a frame rate that it may lower and that is locked by now.
+    drop(camera);
+    let camera = Plugged::new(Camera::new("UVC1").with_frame_rate_locked_while_manual());
+    let device = Device::with_path(node("UVC1")).unwrap();
+    device.set_control(Control { id: EXPOSURE_AUTO, value: Value::Integer(EXPOSURE_MANUAL) }).unwrap();
+    drop(device);
+    let mut subscriber = stage.subscriber("left");
+    let driver = stage.driver();
+    next_frame(&mut subscriber);
+    assert!(camera.device().lowers_frame_rate());
+    let output = driver.stop();
+    assert!(stderr(&output).contains("exposure_dynamic_framerate = 0 refused"), "{}", stderr(&output));
 }

@@ -22,8 +22,9 @@ pub struct Report {
     pub table: Vec<String>,
 }
 
-/// Boots `kernel` with the file system `image`, and runs the tests that `tests` chooses, as arguments of a test program do.
-pub fn run(kernel: &Path, image: &Path, tests: &str) -> Report {
+/// Boots `kernel` with the file system `image`, with udevd or without, and runs the tests that `tests` chooses, as arguments of a test
+/// program do.
+pub fn run(kernel: &Path, image: &Path, tests: &str, has_udevd: bool) -> Report {
     let start = Instant::now();
     let mut machine = Command::new(EMULATOR)
         // Software emulation: the same machine on every host, and none of the host's devices.
@@ -36,7 +37,10 @@ pub fn run(kernel: &Path, image: &Path, tests: &str) -> Report {
         .arg("-initrd")
         .arg(image)
         .arg("-append")
-        .arg(format!("console=ttyS0 loglevel=3 mitigations=off panic=-1 nokaslr lab.tests=\"{tests}\""))
+        .arg(format!(
+            "console=ttyS0 loglevel=3 mitigations=off panic=-1 nokaslr lab.udevd={} lab.tests=\"{tests}\"",
+            if has_udevd { "yes" } else { "no" }
+        ))
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .spawn()

@@ -17,8 +17,8 @@ const MODULES: [(&str, &str); 3] = [
     ("vhci-hcd", ""),
 ];
 
-/// Machines that run beside each other, and the tests of each: about as long as one another.
-const MACHINES: [&str; 2] = ["replug", "--skip replug"];
+/// The module of tests for a machine without udevd; all others need one.
+const WITHOUT_UDEVD: &str = "without_udevd";
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
@@ -28,11 +28,16 @@ fn main() -> ExitCode {
         );
         return ExitCode::from(2);
     };
-    let tests: Vec<String> = arguments.collect();
+    let tests = arguments.collect::<Vec<_>>().join(" ");
     let kernel = kernel::Kernel::find(&folder.join("kernel"));
     let image = guest_image::build(&folder.join("guest"), &kernel);
-    let machines = if tests.is_empty() { MACHINES.map(String::from).to_vec() } else { vec![tests.join(" ")] };
-    let report = |tests: &String| machine::run(&kernel.image, &image, tests);
+    // They run beside each other; the first two take about as long as one another.
+    let machines = match tests.as_str() {
+        "" => vec![with_udevd("replug"), with_udevd("--skip replug"), without_udevd(WITHOUT_UDEVD)],
+        tests if tests.contains(WITHOUT_UDEVD) => vec![without_udevd(tests)],
+        tests => vec![with_udevd(tests)],
+    };
+    let report = |(tests, has_udevd): &(String, bool)| machine::run(&kernel.image, &image, tests, *has_udevd);
     let reports: Vec<_> = thread::scope(|scope| {
         let running: Vec<_> = machines.iter().map(|tests| scope.spawn(|| report(tests))).collect();
         running.into_iter().map(|machine| machine.join().unwrap()).collect()
@@ -42,11 +47,21 @@ fn main() -> ExitCode {
         println!("\n{}", table.join("\n"));
     }
     println!();
-    for (tests, report) in machines.iter().zip(&reports) {
+    for ((tests, _), report) in machines.iter().zip(&reports) {
         println!("lab, {}: {}", tests, report.verdict);
     }
     match reports.iter().all(|report| report.passed) {
         true => ExitCode::SUCCESS,
         false => ExitCode::FAILURE,
     }
+}
+
+/// A machine as most are, and the tests that it runs.
+fn with_udevd(tests: &str) -> (String, bool) {
+    (format!("{tests} --skip {WITHOUT_UDEVD}"), true)
+}
+
+/// A machine like a container, and the tests that it runs.
+fn without_udevd(tests: &str) -> (String, bool) {
+    (tests.to_owned(), false)
 }

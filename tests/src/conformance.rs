@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use uvcam::camera::{Applied, Camera, CameraError, Capture, Event, Settings};
+use uvcam::camera::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
 use uvcam_shm_ipc::{PixelFormat, Publisher};
 
 use crate::SharedMemory;
@@ -68,6 +68,7 @@ impl<'a> Started<'a> {
 pub fn suite(open: &dyn Fn() -> Box<dyn Camera>, settings: &Settings) {
     let memory = SharedMemory::new();
     identifies_itself(open().as_ref());
+    is_the_same_device_when_it_is_opened_again(open);
     reads_back_what_was_asked(open().as_mut(), settings);
     fills_the_queued_slots_and_no_other_memory(open().as_mut(), settings, &memory);
     counts_frames_and_stamps_them(open().as_mut(), settings, &memory);
@@ -81,6 +82,15 @@ pub fn suite(open: &dyn Fn() -> Box<dyn Camera>, settings: &Settings) {
 fn identifies_itself(camera: &dyn Camera) {
     assert!(!camera.identity().serial.is_empty());
     assert!(!camera.identity().model.is_empty());
+    let Identity { vendor, model, serial, .. } = camera.identity();
+    for text in [vendor, model, serial] {
+        assert!(text.trim() == text && !text.contains(char::is_control), "{text:?}");
+    }
+}
+
+fn is_the_same_device_when_it_is_opened_again(open: &dyn Fn() -> Box<dyn Camera>) {
+    let first = open().identity().clone();
+    assert!(open().identity().is_same_device(&first), "{first:?}");
 }
 
 fn reads_back_what_was_asked(camera: &mut dyn Camera, settings: &Settings) {

@@ -109,8 +109,17 @@ impl Acquisition {
 impl Camera {
     /// A camera that has just been powered up.
     pub fn new(identity: Identity) -> Self {
+        Camera::from_parts(identity, None)
+    }
+
+    /// A camera that tells steps of its exposure time, yet confirms any value.
+    pub fn with_exposure_steps(identity: Identity, step_us: f64) -> Self {
+        Camera::from_parts(identity, Some(step_us))
+    }
+
+    fn from_parts(identity: Identity, exposure_step_us: Option<f64>) -> Self {
         scene::prepare();
-        let memory = Memory::new(&identity);
+        let memory = Memory::new(&identity, exposure_step_us);
         Camera {
             identity,
             memory,

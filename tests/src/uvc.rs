@@ -59,7 +59,11 @@ const GAIN: Kind =
     Kind { unit: descriptors::PROCESSING, selector: 4, bytes: 2, min: 0, max: 240, default: 64 };
 const POWER_LINE_FREQUENCY: Kind =
     Kind { unit: descriptors::PROCESSING, selector: 5, bytes: 1, min: 0, max: 2, default: 1 };
-const KINDS: [Kind; 5] = [EXPOSURE_MODE, EXPOSURE_PRIORITY, EXPOSURE_TIME, GAIN, POWER_LINE_FREQUENCY];
+/// As of many cheap cameras, it cannot be 0.
+const BACKLIGHT_COMPENSATION: Kind =
+    Kind { unit: descriptors::PROCESSING, selector: 1, bytes: 2, min: 1, max: 5, default: 3 };
+const KINDS: [Kind; 6] =
+    [EXPOSURE_MODE, EXPOSURE_PRIORITY, EXPOSURE_TIME, GAIN, POWER_LINE_FREQUENCY, BACKLIGHT_COMPENSATION];
 /// Modes are bits: of these the camera has manual and aperture priority.
 const MODE_MANUAL: u32 = 1;
 const MODE_APERTURE_PRIORITY: u32 = 8;
@@ -86,6 +90,7 @@ pub struct Camera {
     next_id: u64,
     frames: VecDeque<Bytes>,
     faults: Vec<Fault>,
+    locks_frame_rate: bool,
 }
 
 impl Camera {
@@ -101,7 +106,13 @@ impl Camera {
             next_id: 0,
             frames: VecDeque::new(),
             faults: Vec::new(),
+            locks_frame_rate: false,
         }
+    }
+
+    /// The camera, but refusing to say how frame rate and exposure go together while the exposure is fixed.
+    pub fn with_frame_rate_locked_while_manual(self) -> Self {
+        Camera { locks_frame_rate: true, ..self }
     }
 
     /// Lets it do something wrong.
@@ -128,6 +139,11 @@ impl Camera {
     /// Whether it may lower its frame rate for the sake of exposure.
     pub fn lowers_frame_rate(&self) -> bool {
         self.value(&EXPOSURE_PRIORITY) == 1
+    }
+
+    /// Its backlight compensation, from 1 to 5.
+    pub fn backlight_compensation(&self) -> u32 {
+        self.value(&BACKLIGHT_COMPENSATION)
     }
 
     /// The filter against lamps that flicker: 0 is off.
@@ -163,7 +179,9 @@ impl Camera {
                     true => value == MODE_MANUAL || value == MODE_APERTURE_PRIORITY,
                     false => (kind.min..=kind.max).contains(&value),
                 };
-                if !fits {
+                let is_manual = self.value(&EXPOSURE_MODE) == MODE_MANUAL;
+                let is_locked = self.locks_frame_rate && is_manual && selector == EXPOSURE_PRIORITY.selector;
+                if !fits || is_locked && unit == EXPOSURE_PRIORITY.unit {
                     return Err(Stall);
                 }
                 self.values[place] = value;

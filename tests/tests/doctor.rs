@@ -17,6 +17,9 @@ const PLACES: [&str; 3] = ["4-1", "4-2", "3-1"];
 /// Where the kernel's camera is.
 const VIDEO_NODE: &str = "dev/video2";
 
+#[path = "doctor/cameras.rs"]
+mod cameras;
+
 /// A machine with three cameras on USB, one of the kernel, one on the network and a simulated one, on which nothing is wrong.
 struct Machine {
     stage: Stage,
@@ -81,6 +84,8 @@ impl Machine {
         machine.write("etc/passwd", &format!("pilot:x:{USER}:{USER}::/home/pilot:/bin/sh"));
         machine.write("etc/udev/rules.d/70-uvcam.rules", include_str!("../../udev/70-uvcam.rules"));
         machine.write("proc/sys/net/core/rmem_max", "8000000");
+        machine
+            .write("etc/nftables.conf", "iifname \"eth1\" meta l4proto udp ip saddr != { 192.168.0.7 } drop");
         machine.write("proc/self/status", &status(USER, &format!("7 {group}")));
         machine.write_limits("unlimited", "50");
         machine.write("proc/700/comm", "bash");

@@ -22,6 +22,7 @@ mod features;
 mod finder;
 mod gige;
 mod stream;
+mod usb;
 
 pub use finder::Finder;
 pub(crate) use gige::SOCKET_FRAMES;
@@ -158,6 +159,9 @@ impl Camera for AravisCamera {
         }
         let stream = self.camera.create_stream().map_err(|error| self.failed("starting", error))?;
         gige::tune(&stream, applied.payload_bytes);
+        if let Some(bytes) = gige::packet_bytes(&self.camera) {
+            tracing::info!("camera {}: frames come in packets of {bytes} bytes", self.identity.serial);
+        }
         self.frame_ids = FrameIdUnwrapper::default();
         self.slots.start(stream);
         self.camera.start_acquisition().map_err(|error| self.failed("starting", error))

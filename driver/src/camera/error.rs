@@ -17,6 +17,17 @@ pub enum CameraError {
         /// What was found instead.
         found: String,
     },
+    /// Another device is where the camera was that the driver opened first. Name and mask of the configuration belong to that one.
+    #[error(
+        "camera {expected} was opened first, and at its place is {found}, which is not flown under its name and mask; \
+         connect {expected} again, or restart the driver to fly {found}"
+    )]
+    Replaced {
+        /// Model and serial of the one that was opened first.
+        expected: String,
+        /// Model and serial of the one that is there now.
+        found: String,
+    },
     /// The device applied something else than was asked, so its frames would not be what the configuration promises.
     #[error("{setting} = {asked} refused: the camera gives {applied}; {remedy}")]
     Refused {
@@ -38,16 +49,18 @@ pub enum CameraError {
         doing: &'static str,
     },
     /// The device is there and sends nothing.
-    #[error("camera {serial} failed while streaming: no whole frame for {seconds:.1} s")]
+    #[error("camera {serial} failed while streaming: no whole frame for {seconds:.1} s; {remedy}")]
     Silent {
         /// Its serial.
         serial: String,
         /// For how long.
         seconds: f64,
+        /// What to look at.
+        remedy: String,
     },
     /// Every frame of the device lacks a part.
     #[error(
-        "camera {serial} failed while streaming: {frames} frames in {seconds:.1} s, none of them whole; check cable and bandwidth"
+        "camera {serial} failed while streaming: {frames} frames in {seconds:.1} s, none of them whole; {remedy}"
     )]
     Incomplete {
         /// Its serial.
@@ -56,6 +69,8 @@ pub enum CameraError {
         frames: u64,
         /// In which time.
         seconds: f64,
+        /// What to look at.
+        remedy: String,
     },
     /// The device or its transport failed.
     #[error("camera {serial} failed while {doing}: {cause}")]

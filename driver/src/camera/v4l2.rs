@@ -130,7 +130,7 @@ impl Camera for V4l2Camera {
             None => &[V4l2Memory::Mapped],
         };
         self.sequence = SequenceUnwrapper::default();
-        let memory = self.stream.start(memories).map_err(|error| self.failed("starting", &error))?;
+        let memory = self.stream.start(memories, layout).map_err(|error| self.failed("starting", &error))?;
         match memory {
             V4l2Memory::UserPointer => {
                 tracing::debug!("camera {}: frames are not copied", self.identity.serial)

@@ -211,7 +211,7 @@ fn attend(
 /// A camera that never worked and does not work now. One that has worked is waited for.
 fn is_hopeless(camera: &Running) -> bool {
     match &camera.state {
-        None | Some(State::Streaming | State::Generating) => false,
+        None | Some(State::Streaming(_) | State::Generating) => false,
         Some(State::Refused(_)) => true,
         Some(State::Waiting(_)) => camera.counters.published.load(Ordering::Relaxed) == 0,
     }
@@ -221,7 +221,7 @@ fn is_hopeless(camera: &Running) -> bool {
 fn how_it_went(cameras: &[Running]) -> Exit {
     let troubles = cameras.iter().filter_map(|camera| match &camera.state {
         Some(State::Waiting(error) | State::Refused(error)) => Some(error.exit()),
-        None | Some(State::Streaming | State::Generating) => None,
+        None | Some(State::Streaming(_) | State::Generating) => None,
     });
     troubles.into_iter().next().unwrap_or(Exit::Done)
 }
@@ -229,7 +229,9 @@ fn how_it_went(cameras: &[Running]) -> Exit {
 fn report(camera: &Running, state: &State) {
     let name = &camera.config.name;
     match state {
-        State::Streaming => tracing::info!("{name}: streaming, {}", describe_mask(&camera.config.mask)),
+        State::Streaming(camera_itself) => {
+            tracing::info!("{name}: streaming, {camera_itself}, {}", describe_mask(&camera.config.mask))
+        }
         State::Generating => {
             tracing::info!("{name}: publishes nothing while lit frames are collected for a mask")
         }

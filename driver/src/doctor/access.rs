@@ -9,6 +9,7 @@ use super::machine::Machine;
 use super::process::Process;
 use super::usb::UsbCamera;
 use super::{Check, Finding, Severity};
+use crate::camera::told;
 
 /// Where udev looks for rules (udev(7)).
 const RULES: [&str; 5] = [
@@ -49,7 +50,18 @@ pub(super) fn usb_nodes(machine: &Machine, connected: &[UsbCamera]) -> Vec<Node>
 pub(super) fn nodes(machine: &Machine, process: &Process, nodes: &[Node]) -> Vec<Finding> {
     let finding = |Node { camera, path: node, subsystem, has_rule }: &Node| {
         let path = machine.path(node);
-        let metadata = fs::metadata(&path).ok()?;
+        let metadata = match fs::metadata(&path) {
+            Ok(metadata) => metadata,
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                return Some(Finding::new(
+                    Severity::Fault,
+                    Check::DeviceAccess,
+                    format!("{camera}: the kernel lists it, and its node {node} is not there"),
+                    "give the container all nodes: -v /dev/bus/usb:/dev/bus/usb; outside of one, plug the camera in anew",
+                ));
+            }
+            Err(_) => return None,
+        };
         let mode = metadata.mode() & 0o777;
         let group = machine.name_of("/etc/group", metadata.gid());
         if mode & 0o002 != 0 {
@@ -160,7 +172,7 @@ pub(super) fn holders(machine: &Machine, nodes: &[Node]) -> Vec<Finding> {
     let mut hidden = 0;
     let processes = machine.names("/proc").into_iter().filter(|name| name.parse::<u32>().is_ok());
     for process in processes.filter(|_| !nodes.is_empty()) {
-        let program = machine.text(&format!("/proc/{process}/comm")).unwrap_or_default();
+        let program = told(&machine.text(&format!("/proc/{process}/comm")).unwrap_or_default());
         if program == "uvcam" {
             continue;
         }

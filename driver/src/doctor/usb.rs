@@ -5,6 +5,7 @@ use std::net::IpAddr;
 
 use super::machine::Machine;
 use super::{Check, Finding, Severity};
+use crate::camera::told;
 use crate::config::{CameraConfig, Config, Source};
 
 const DEVICES: &str = "/sys/bus/usb/devices";
@@ -80,8 +81,8 @@ pub(super) fn cameras(machine: &Machine) -> Vec<UsbCamera> {
             .any(|(class, subclass)| (class.as_str(), subclass.as_str()) == USB3_VISION);
         let camera = UsbCamera {
             place: place.clone(),
-            product: machine.text(&file("product")).unwrap_or_default(),
-            serial: machine.text(&file("serial")).filter(|serial| !serial.is_empty()),
+            product: machine.text(&file("product")).map(|text| told(&text)).unwrap_or_default(),
+            serial: machine.text(&file("serial")).map(|text| told(&text)).filter(|serial| !serial.is_empty()),
             is_usb3_vision,
             speed: machine.value(&file("speed")),
             bus: machine.value(&file("busnum"))?,

@@ -73,3 +73,36 @@ pub(super) fn connected(cameras: &[VideoCamera]) -> Vec<Finding> {
     };
     absent.map(finding).collect()
 }
+
+/// Whether a camera is named by the number of its node, which another one can have after the next start.
+pub(super) fn names(machine: &Machine, cameras: &[VideoCamera]) -> Vec<Finding> {
+    let finding = |VideoCamera { name, device, node }: &VideoCamera| {
+        let V4l2Device::Path(path) = device else { return None };
+        let path = path.to_str()?;
+        let is_number = |number: &str| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit());
+        path.strip_prefix("/dev/video").filter(|number| is_number(number))?;
+        let link = node.as_ref().and_then(|node| link_to(machine, node));
+        let remedy = match link {
+            Some(link) => format!("write path = \"{link}\" into its source"),
+            None => "write its serial into its source, or a link in /dev/v4l; uvcam list shows every camera"
+                .into(),
+        };
+        Some(Finding::new(
+            Severity::Warning,
+            Check::DeviceName,
+            format!(
+                "{name}: {path} is a number in the order of plugging: another camera can have it after the next start"
+            ),
+            remedy,
+        ))
+    };
+    cameras.iter().filter_map(finding).collect()
+}
+
+/// A link to this node that stays: by what the camera is, else by where it is.
+fn link_to(machine: &Machine, node: &str) -> Option<String> {
+    ["/dev/v4l/by-id", "/dev/v4l/by-path"].into_iter().find_map(|folder| {
+        let links = machine.names(folder).into_iter().map(|name| format!("{folder}/{name}"));
+        links.into_iter().find(|link| machine.behind(link.as_ref()).as_deref() == Some(node))
+    })
+}

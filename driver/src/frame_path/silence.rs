@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use uvcam_shm_ipc::monotonic_ns;
 
-use crate::camera::CameraError;
+use crate::camera::{CameraError, GIGE_VISION, Identity};
 
 /// A camera that delivers nothing whole for this long, and for ten frame periods, has failed.
 const SILENCE_NS: u64 = 1_000_000_000;
@@ -38,11 +38,11 @@ impl Silence {
     }
 
     /// Fails where it has lasted too long; `incomplete` frames came instead.
-    pub(super) fn lasts(&mut self, serial: &str, incomplete: u64) -> Result<(), CameraError> {
-        self.lasts_at(monotonic_ns(), serial, incomplete)
+    pub(super) fn lasts(&mut self, camera: &Identity, incomplete: u64) -> Result<(), CameraError> {
+        self.lasts_at(monotonic_ns(), camera, incomplete)
     }
 
-    fn lasts_at(&mut self, now_ns: u64, serial: &str, incomplete: u64) -> Result<(), CameraError> {
+    fn lasts_at(&mut self, now_ns: u64, camera: &Identity, incomplete: u64) -> Result<(), CameraError> {
         if incomplete > 0 {
             self.incomplete += incomplete;
             self.incomplete_ns = now_ns;
@@ -51,12 +51,39 @@ impl Silence {
         if silent_ns <= self.patience_ns {
             return Ok(());
         }
-        let (serial, seconds) = (serial.to_owned(), silent_ns as f64 * 1e-9);
+        let (serial, seconds) = (camera.serial.clone(), silent_ns as f64 * 1e-9);
         let paused = now_ns.saturating_sub(self.incomplete_ns) > self.pause_ns;
         Err(match self.incomplete {
-            frames if frames > 0 && !paused => CameraError::Incomplete { serial, frames, seconds },
-            _ => CameraError::Silent { serial, seconds },
+            frames if frames > 0 && !paused => {
+                CameraError::Incomplete { serial, frames, seconds, remedy: for_missing_parts(camera) }
+            }
+            _ => CameraError::Silent { serial, seconds, remedy: for_nothing(camera) },
         })
+    }
+}
+
+/// Where to look when nothing comes of a camera that answers.
+#[cold]
+fn for_nothing(Identity { transport, address, .. }: &Identity) -> String {
+    match transport == GIGE_VISION {
+        true => format!(
+            "check its cable; and whether a firewall keeps out UDP from {address} (sudo nft list ruleset), or the network drops \
+             packets larger than its MTU (ip link): lower the camera's packet size (GevSCPSPacketSize) or raise the MTU"
+        ),
+        false => "check cable and power".into(),
+    }
+}
+
+/// Where to look when a part of every frame is missing.
+#[cold]
+fn for_missing_parts(Identity { transport, address, .. }: &Identity) -> String {
+    match transport == GIGE_VISION {
+        true => format!(
+            "packets are lost on the way: check cable and bandwidth; whether interface and switches carry the camera's packet size \
+             (ip link: mtu; GevSCPSPacketSize); whether a firewall lets all UDP from {address} in (sudo nft list ruleset); and \
+             net.core.rmem_max (uvcam doctor)"
+        ),
+        false => "check cable and bandwidth".into(),
     }
 }
 
@@ -66,13 +93,28 @@ mod tests {
 
     const PERIOD_NS: u64 = 16_666_667;
 
+    fn camera(transport: &str) -> Identity {
+        Identity {
+            kind: "aravis",
+            vendor: String::new(),
+            model: String::new(),
+            serial: "left".into(),
+            transport: transport.into(),
+            address: "192.168.0.7".into(),
+        }
+    }
+
+    fn usb() -> Identity {
+        camera("USB3Vision")
+    }
+
     #[test]
     fn a_second_of_silence_is_a_failure_unless_ten_periods_are_longer() {
         for (period_ns, patience_ns) in [(PERIOD_NS, SILENCE_NS), (SILENCE_NS, 10 * SILENCE_NS)] {
             let mut silence = Silence::new(period_ns, Duration::ZERO);
             let begin_ns = silence.since_ns;
-            assert!(silence.lasts_at(begin_ns + patience_ns, "left", 0).is_ok());
-            let failed = silence.lasts_at(begin_ns + patience_ns + 1, "left", 0);
+            assert!(silence.lasts_at(begin_ns + patience_ns, &usb(), 0).is_ok());
+            let failed = silence.lasts_at(begin_ns + patience_ns + 1, &usb(), 0);
             assert!(matches!(failed, Err(CameraError::Silent { .. })), "{failed:?}");
         }
     }
@@ -81,10 +123,10 @@ mod tests {
     fn the_first_frame_has_its_own_patience_and_later_ones_the_usual() {
         let mut silence = Silence::new(PERIOD_NS, Duration::from_secs(5));
         let first_ns = silence.since_ns + 5 * SILENCE_NS;
-        assert!(silence.lasts_at(first_ns, "left", 0).is_ok());
+        assert!(silence.lasts_at(first_ns, &usb(), 0).is_ok());
         silence.broken(first_ns);
-        assert!(silence.lasts_at(first_ns + SILENCE_NS, "left", 0).is_ok());
-        assert!(silence.lasts_at(first_ns + SILENCE_NS + 1, "left", 0).is_err());
+        assert!(silence.lasts_at(first_ns + SILENCE_NS, &usb(), 0).is_ok());
+        assert!(silence.lasts_at(first_ns + SILENCE_NS + 1, &usb(), 0).is_err());
     }
 
     #[test]
@@ -92,9 +134,9 @@ mod tests {
         let mut silence = Silence::new(PERIOD_NS, Duration::ZERO);
         let begin_ns = silence.since_ns;
         for frame in 1..=60 {
-            assert!(silence.lasts_at(begin_ns + frame * PERIOD_NS / 2, "left", 1).is_ok());
+            assert!(silence.lasts_at(begin_ns + frame * PERIOD_NS / 2, &usb(), 1).is_ok());
         }
-        let failed = silence.lasts_at(begin_ns + SILENCE_NS + 1, "left", 1);
+        let failed = silence.lasts_at(begin_ns + SILENCE_NS + 1, &usb(), 1);
         assert!(matches!(failed, Err(CameraError::Incomplete { frames: 61, .. })), "{failed:?}");
     }
 
@@ -102,8 +144,26 @@ mod tests {
     fn a_camera_that_dies_within_a_frame_is_silent() {
         let mut silence = Silence::new(PERIOD_NS, Duration::ZERO);
         let begin_ns = silence.since_ns;
-        assert!(silence.lasts_at(begin_ns + PERIOD_NS, "left", 1).is_ok());
-        let failed = silence.lasts_at(begin_ns + SILENCE_NS + 1, "left", 0);
+        assert!(silence.lasts_at(begin_ns + PERIOD_NS, &usb(), 1).is_ok());
+        let failed = silence.lasts_at(begin_ns + SILENCE_NS + 1, &usb(), 0);
         assert!(matches!(failed, Err(CameraError::Silent { .. })), "{failed:?}");
+    }
+
+    #[test]
+    fn on_a_network_firewall_and_packet_size_are_named() {
+        let failed = |transport, incomplete| {
+            let mut silence = Silence::new(PERIOD_NS, Duration::ZERO);
+            let late_ns = silence.since_ns + SILENCE_NS + 1;
+            silence.lasts_at(late_ns, &camera(transport), incomplete).unwrap_err().to_string()
+        };
+        for incomplete in [0, 60] {
+            let message = failed(GIGE_VISION, incomplete);
+            for word in ["UDP from 192.168.0.7", "nft list ruleset", "GevSCPSPacketSize", "mtu"] {
+                assert!(message.to_lowercase().contains(&word.to_lowercase()), "{message}");
+            }
+            assert!(!failed("USB3Vision", incomplete).contains("firewall"));
+        }
+        assert!(failed(GIGE_VISION, 60).contains("60 frames in 1.0 s, none of them whole"));
+        assert!(failed("USB3Vision", 0).contains("no whole frame for 1.0 s; check cable and power"));
     }
 }

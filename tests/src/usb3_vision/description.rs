@@ -5,8 +5,8 @@ use std::fmt::Write;
 use super::features::{Access, FEATURES, Feature, Kind, Limit};
 use super::memory::{address_of, register_bytes};
 
-/// The whole XML file.
-pub(super) fn xml(vendor: &str, model: &str) -> String {
+/// The whole XML file. The exposure time has steps of `exposure_step_us`, where there are such.
+pub(super) fn xml(vendor: &str, model: &str, exposure_step_us: Option<f64>) -> String {
     let mut xml = format!(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n\
          <RegisterDescription ModelName=\"{model}\" VendorName=\"{vendor}\" ToolTip=\"emulated\" StandardNameSpace=\"None\" \
@@ -20,12 +20,13 @@ pub(super) fn xml(vendor: &str, model: &str) -> String {
     }
     xml += "</Category>\n";
     for feature in FEATURES {
-        write_feature(&mut xml, feature);
+        let step = exposure_step_us.filter(|_| feature.name == "ExposureTime");
+        write_feature(&mut xml, feature, step);
     }
     xml + "<Port Name=\"Device\"/>\n</RegisterDescription>\n"
 }
 
-fn write_feature(xml: &mut String, feature: &Feature) {
+fn write_feature(xml: &mut String, feature: &Feature, step: Option<f64>) {
     let name = feature.name;
     let value = format!("<pValue>{name}Register</pValue>");
     let _ = match feature.kind {
@@ -37,9 +38,10 @@ fn write_feature(xml: &mut String, feature: &Feature) {
             writeln!(xml, "<Integer Name=\"{name}\">{value}<Min>{min}</Min>{max}<Inc>{step}</Inc></Integer>")
         }
         Kind::Float(min, max, unit) => {
+            let step = step.map(|step| format!("<Inc>{step}</Inc>")).unwrap_or_default();
             writeln!(
                 xml,
-                "<Float Name=\"{name}\">{value}<Min>{min}</Min><Max>{max}</Max><Unit>{unit}</Unit></Float>"
+                "<Float Name=\"{name}\">{value}<Min>{min}</Min><Max>{max}</Max>{step}<Unit>{unit}</Unit></Float>"
             )
         }
         Kind::Enumeration(entries) => {

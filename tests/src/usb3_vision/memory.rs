@@ -64,11 +64,11 @@ pub(super) fn register_bytes(kind: Kind) -> usize {
 }
 
 impl Memory {
-    pub(super) fn new(identity: &Identity) -> Self {
+    pub(super) fn new(identity: &Identity, exposure_step_us: Option<f64>) -> Self {
         let mut memory = Memory {
             bootstrap: vec![0; ABRM.bytes as usize],
             features: vec![0; FEATURES.len() * FEATURE_SPACING as usize],
-            description: description::xml(&identity.vendor, &identity.model).into_bytes(),
+            description: description::xml(&identity.vendor, &identity.model, exposure_step_us).into_bytes(),
         };
         for (address, text) in [
             (0x04, &identity.vendor),

@@ -40,12 +40,12 @@ pub(super) fn descriptors(serial: &str) -> Descriptors {
     }
 }
 
-/// A sensor with control of its exposure, a processing unit with gain and the filter against flickering light, the way out.
+/// A sensor with control of its exposure, a processing unit with backlight compensation, gain and the filter against flickering light, the way out.
 fn control() -> Vec<u8> {
     const EXPOSURE_MODE_PRIORITY_TIME: u8 = 0b1110;
-    const GAIN_AND_POWER_LINE: u8 = 0b110;
+    const BACKLIGHT_GAIN_AND_POWER_LINE: u8 = 0b111;
     let camera = [CAMERA, 0x01, 0x02, 0, 0, 0, 0, 0, 0, 0, 0, 3, EXPOSURE_MODE_PRIORITY_TIME, 0, 0];
-    let processing = [PROCESSING, CAMERA, 0, 0, 2, 0, GAIN_AND_POWER_LINE, 0, 0];
+    let processing = [PROCESSING, CAMERA, 0, 0, 2, 0, BACKLIGHT_GAIN_AND_POWER_LINE, 0, 0];
     let output = [OUTPUT, 0x01, 0x01, 0, PROCESSING, 0];
     [class_specific(2, &camera), class_specific(5, &processing), class_specific(3, &output)].concat()
 }

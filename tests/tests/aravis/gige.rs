@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use uvcam::camera::aravis::{AravisCamera, list};
+use uvcam::camera::aravis::{AravisCamera, Finder, list};
 use uvcam::camera::{Camera, CameraError, Event, Settings};
 use uvcam::realtime::Realtime;
 
@@ -67,6 +67,30 @@ fn found_by_serial_device_id_and_address() {
         for name in ["GV7", "Aravis-Fake-GV7", ADDRESS] {
             assert_eq!(AravisCamera::open(name).unwrap().identity(), identity, "{name}");
         }
+    });
+}
+
+#[test]
+fn white_space_around_a_serial_is_none_of_it() {
+    in_namespace("gige::white_space_around_a_serial_is_none_of_it", || {
+        let _program = EmulatedCamera::start(" GV7 ", 0);
+        // The first time by a search, then where it was.
+        for wanted in ["GV7", "GV7 "] {
+            let mut finder = Finder::new(wanted);
+            for _ in 0..2 {
+                assert_eq!(finder.open().unwrap().identity().serial, "GV7");
+            }
+        }
+    });
+}
+
+#[test]
+fn a_serial_controls_no_terminal() {
+    in_namespace("gige::a_serial_controls_no_terminal", || {
+        let _program = EmulatedCamera::start("GV\u{1b}[2J7", 0);
+        let listed = list();
+        assert_eq!(listed[0].serial, "GV\u{fffd}[2J7");
+        assert!(!AravisCamera::open("GV8").unwrap_err().to_string().contains('\u{1b}'));
     });
 }
 

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use uvcam_shm_ipc::Subscriber;
 use uvcam_shm_ipc::health::{Cause, State};
-use uvcam_tests::emulated::EmulatedCamera;
+use uvcam_tests::emulated::{ADDRESS, EmulatedCamera};
 use uvcam_tests::network::in_namespace;
 use uvcam_tests::{Stage, health_where, next_frame, simulated, stderr};
 
@@ -70,7 +70,77 @@ fn a_camera_that_dies_is_found_again_by_its_serial() {
 #[test]
 fn a_camera_that_dies_is_found_again_at_its_address() {
     in_namespace("supervision::a_camera_that_dies_is_found_again_at_its_address", || {
-        dies_and_comes_back("GV7", uvcam_tests::emulated::ADDRESS, &[0.0, 3.0]);
+        dies_and_comes_back("GV7", ADDRESS, &[0.0, 3.0]);
+    });
+}
+
+#[test]
+fn another_camera_at_the_address_is_not_flown_and_itself_is() {
+    in_namespace("supervision::another_camera_at_the_address_is_not_flown_and_itself_is", || {
+        let program = EmulatedCamera::start("GV7", 0);
+        let stage = Stage::new(&gige(ADDRESS));
+        let mut left = stage.subscriber("left");
+        let driver = stage.driver();
+        next_frame(&mut left);
+        let mut health = stage.health("left");
+        drop(program);
+        let program = EmulatedCamera::start("GV8", 0);
+        let refused = health_where("the refusal", &mut health, |health| {
+            health.state() == Ok(State::Reconnecting) && health.last_error().contains("GV8")
+        });
+        assert_eq!(refused.cause(), Ok(Cause::Absent));
+        let told = refused.last_error();
+        assert!(told.contains("Fake \"GV7\" was opened first") && told.contains("Fake \"GV8\""), "{told}");
+        // Nothing of the other one goes out, however often it is looked at.
+        let tries = refused.failures + 2;
+        health_where("further looks", &mut health, |health| health.failures >= tries);
+        while left.next().unwrap().is_some() {}
+        assert_eq!(left.epochs(), 1, "a frame of the other camera");
+        drop(program);
+        let _program = EmulatedCamera::start("GV7", 0);
+        recovery(&mut left, Instant::now());
+        assert_eq!(left.epochs(), 2);
+        let output = driver.stop();
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert!(stderr(&output).contains("left: streaming, Fake \"GV7\", "), "{}", stderr(&output));
+    });
+}
+
+#[test]
+fn an_absent_camera_beside_another_one_is_told_once() {
+    in_namespace("supervision::an_absent_camera_beside_another_one_is_told_once", || {
+        let _program = EmulatedCamera::start("OTHER", 0);
+        let stage = Stage::new(&(gige("GV7") + &simulated("right", "none", "")));
+        let mut right = stage.subscriber("right");
+        let driver = stage.driver();
+        // Three searches of the network, each two seconds after the one before and one second long.
+        while right.frames() < 8 * 60 {
+            next_frame(&mut right);
+        }
+        let output = driver.stop();
+        let lines = stderr(&output);
+        let warnings: Vec<_> = lines.lines().filter(|line| line.contains("GV7")).collect();
+        assert_eq!(warnings.len(), 1, "{lines}");
+        assert!(warnings[0].contains("found: Aravis Fake \"OTHER\" (GigEVision 127.0.0.1)"), "{lines}");
+    });
+}
+
+#[test]
+fn where_no_frame_is_ever_whole_firewall_and_packet_size_are_named() {
+    let name = "supervision::where_no_frame_is_ever_whole_firewall_and_packet_size_are_named";
+    in_namespace(name, || {
+        // Nothing comes at all, and of every frame of about 220 packets a part.
+        for (lost_per_thousand, expected) in [(1000, "no whole frame for"), (100, "none of them whole")] {
+            let _program = EmulatedCamera::start("GV7", lost_per_thousand);
+            let output = Stage::new(&gige(ADDRESS)).driver().finish();
+            let text = stderr(&output);
+            assert_eq!(output.status.code(), Some(4), "{text}");
+            let told =
+                [expected, "UDP from 127.0.0.1", "nft list ruleset", "GevSCPSPacketSize", "in packets of"];
+            for word in told {
+                assert!(text.contains(word), "{word}: {text}");
+            }
+        }
     });
 }
 

@@ -9,7 +9,9 @@ use aravis::prelude::*;
 use uvcam_shm_ipc::PixelFormat;
 
 use super::features::{Features, Number};
-use crate::camera::{Applied, CameraError, Settings};
+use crate::camera::{
+    Applied, CameraError, GAIN_TOLERANCE_DB, Settings, exposure_tolerance_us, frame_rate_tolerance,
+};
 
 /// What the device would otherwise adjust while flying. A device has few of them.
 const AUTOMATICS: [&str; 5] =
@@ -25,11 +27,8 @@ const RESULTING_FRAME_RATES: [&str; 5] = [
     "mvResultingFrameRate",
 ];
 
-/// Differences that pass for rounding where the device tells no increment: a microsecond or 1 % of an exposure, 0.5 % of a
-/// frame rate (devices round the period to whole sensor lines), a tenth of a decibel.
-const EXPOSURE_STEP: (f64, f64) = (1.0, 0.01);
-const FRAME_RATE_STEP: f64 = 0.005;
-const GAIN_STEP_DB: f64 = 0.1;
+/// How far an exposure may lie beside a grid that the device tells, microseconds. What it reads back tells nothing then: it must be met.
+const BESIDE_GRID_US: f64 = 1.0;
 
 /// Applies all settings and reads them back.
 pub(super) fn configure(features: &Features, settings: &Settings) -> Result<Applied, CameraError> {
@@ -199,7 +198,7 @@ impl<'a> Gain<'a> {
             features.choose("GainSelector", "GainSelector", all)?;
             features.choose_where_present("GainAuto", "Off")?;
         }
-        if let Some(number) = features.number("gain_db", &["Gain", "GainAbs"], GAIN_STEP_DB)? {
+        if let Some(number) = features.number("gain_db", &["Gain", "GainAbs"], GAIN_TOLERANCE_DB)? {
             // Most devices leave the unit out; the SFNC leaves it to the device, and dB is what they mean.
             return match number.unit() {
                 Some(unit) if !unit.eq_ignore_ascii_case("dB") => Err(CameraError::Refused {
@@ -211,7 +210,7 @@ impl<'a> Gain<'a> {
                 _ => Ok(Gain::Decibels(number)),
             };
         }
-        match features.number("gain_db", &["GainRaw"], 1.0)? {
+        match features.number("gain_db", &["GainRaw"], GAIN_TOLERANCE_DB)? {
             Some(number) if number.unit().is_some_and(|unit| unit.eq_ignore_ascii_case("dB")) => {
                 Ok(Gain::Decibels(number))
             }
@@ -230,7 +229,10 @@ impl<'a> Gain<'a> {
             })
         };
         match self {
-            Gain::Decibels(number) => number.write(settings.gain_db),
+            Gain::Decibels(number) => {
+                number.check_on_grid(settings.gain_db, GAIN_TOLERANCE_DB)?;
+                number.write(settings.gain_db)
+            }
             Gain::Raw(number) if settings.gain_db == 0.0 => number.write(number.bounds()?.0),
             Gain::Raw(number) => {
                 only_zero(format!("{} in steps whose decibels it does not tell", number.name))
@@ -254,11 +256,12 @@ fn write_rates<'a>(
     features: &'a Features,
     settings: &Settings,
 ) -> Result<(Number<'a>, Number<'a>), CameraError> {
-    let exposure_step = EXPOSURE_STEP.0.max(EXPOSURE_STEP.1 * settings.exposure_us);
+    let tolerance_us = exposure_tolerance_us(settings.exposure_us);
     let exposure = features
-        .number("exposure_us", &["ExposureTime", "ExposureTimeAbs"], exposure_step)?
+        .number("exposure_us", &["ExposureTime", "ExposureTimeAbs"], tolerance_us)?
         .ok_or_else(|| missing("exposure_us", &settings.exposure_us.to_string(), "ExposureTime"))?;
     // Before the frame rate is enabled: some devices bound the exposure by the rate.
+    exposure.check_on_grid(settings.exposure_us, BESIDE_GRID_US)?;
     exposure.write(settings.exposure_us)?;
 
     // The device sends as fast as the link takes; otherwise a Matrix Vision device collects frames and delays them.
@@ -268,15 +271,16 @@ fn write_rates<'a>(
     // Older FLIR
     features.switch_where_present("AcquisitionFrameRateEnabled", true)?;
     features.choose_where_present("AcquisitionFrameRateAuto", "Off")?;
-    let step = FRAME_RATE_STEP * settings.fps;
+    let tolerance = frame_rate_tolerance(settings.fps);
     let frame_rate = features
-        .number("fps", &["AcquisitionFrameRate", "AcquisitionFrameRateAbs"], step)?
+        .number("fps", &["AcquisitionFrameRate", "AcquisitionFrameRateAbs"], tolerance)?
         .ok_or_else(|| missing("fps", &settings.fps.to_string(), "AcquisitionFrameRate"))?;
 
     let reach = write_rate_within_reach(features, &frame_rate, settings.fps)?;
-    if reach < settings.fps - step {
+    if reach < settings.fps - tolerance {
         return Err(too_slow(features, settings, &exposure, &frame_rate, reach)?);
     }
+    frame_rate.check_on_grid(settings.fps, tolerance)?;
     Ok((exposure, frame_rate))
 }
 
@@ -299,10 +303,11 @@ fn too_slow(
     frame_rate: &Number,
     reach: f64,
 ) -> Result<CameraError, CameraError> {
-    let fits_us = (settings.exposure_us - (1e6 / reach - 1e6 / settings.fps)).floor();
+    let fits_us = exposure.at_most((settings.exposure_us - (1e6 / reach - 1e6 / settings.fps)).floor())?;
     let fits = fits_us >= exposure.bounds()?.0 && {
         exposure.write(fits_us)?;
-        write_rate_within_reach(features, frame_rate, settings.fps)? >= settings.fps * (1.0 - FRAME_RATE_STEP)
+        write_rate_within_reach(features, frame_rate, settings.fps)?
+            >= settings.fps - frame_rate_tolerance(settings.fps)
     };
     Ok(match fits {
         true => CameraError::Refused {

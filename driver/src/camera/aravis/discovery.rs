@@ -9,17 +9,16 @@ use std::sync::{Mutex, PoisonError};
 use aravis::glib::GString;
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
-use aravis::{Device, DeviceError, FakeInterface, GvDevice, Interface, UvInterface};
+use aravis::{Device, DeviceError, FakeInterface, GvDevice, Interface, UvInterface, glib};
 
 use super::features::failed;
 use super::{KIND, gige};
-use crate::camera::{CameraError, Identity};
+use crate::camera::{CameraError, GIGE_VISION, Identity, listed, told};
 
 /// The library's camera in this process, which needs no hardware.
 const FAKE_DEVICE_ID: &str = "Fake_1";
-/// How the library names its transports.
+/// How the library names its other transport of devices.
 const USB3_VISION: &str = "USB3Vision";
-const GIGE_VISION: &str = "GigEVision";
 
 /// A way to cameras, with a list of its own in the library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,7 +47,9 @@ impl Transport {
         // A list is updated as a whole: a panic elsewhere leaves nothing half done.
         let _list = LISTS.get(self as usize).map(|list| list.lock().unwrap_or_else(PoisonError::into_inner));
         let interface = match self {
-            Transport::Usb => UvInterface::instance(),
+            // Each time anew: the one that the library keeps hears of devices from udevd alone, and where none reaches this program,
+            // as in a container, its list stays for ever as it was first.
+            Transport::Usb => Some(glib::Object::new::<UvInterface>().upcast()),
             Transport::Gige => gige::interface(),
             Transport::Fake => FakeInterface::instance(),
         };
@@ -65,7 +66,7 @@ struct Found {
 
 impl Found {
     fn is(&self, wanted: &str) -> bool {
-        wanted == self.identity.serial || wanted == self.device_id
+        wanted == self.identity.serial || wanted == self.device_id.trim()
     }
 }
 
@@ -83,6 +84,7 @@ pub(super) fn list() -> Vec<Identity> {
 
 /// Opens the device with the serial, device id or IPv4 address `wanted`.
 pub(super) fn open(wanted: &str) -> Result<Opened, CameraError> {
+    let wanted = wanted.trim();
     if wanted == FAKE_DEVICE_ID {
         return search(wanted, &[Transport::Fake]);
     }
@@ -93,7 +95,8 @@ pub(super) fn open(wanted: &str) -> Result<Opened, CameraError> {
     }
 }
 
-/// Opens a device that was found before, where it was found. A GigE Vision camera is opened at its address.
+/// Opens a device that was found before by its serial, where it was found. A GigE Vision camera is opened at its address, at which it
+/// has just said its serial.
 pub(super) fn reopen(identity: &Identity) -> Result<Opened, CameraError> {
     match (Transport::of(identity), identity.address.parse::<Ipv4Addr>()) {
         (Transport::Gige, Ok(address)) => {
@@ -123,7 +126,7 @@ fn scan(interface: &Interface) -> Vec<Found> {
     interface.update_device_list();
     (0..interface.n_devices())
         .map(|index| {
-            let text = |value: Option<GString>| value.map(String::from).unwrap_or_default();
+            let text = |value: Option<GString>| told(&value.unwrap_or_default());
             let transport = text(interface.device_protocol(index));
             // The library knows no address of a USB device; its GUID is what stays the same on every port.
             let address = match transport.as_str() {
@@ -131,7 +134,7 @@ fn scan(interface: &Interface) -> Vec<Found> {
                 _ => interface.device_address(index),
             };
             Found {
-                device_id: text(interface.device_id(index)),
+                device_id: interface.device_id(index).map(String::from).unwrap_or_default(),
                 identity: Identity {
                     kind: KIND,
                     vendor: text(interface.device_vendor(index)),
@@ -146,12 +149,30 @@ fn scan(interface: &Interface) -> Vec<Found> {
 }
 
 fn open_listed(interface: &Interface, found: &[Found], wanted: &str) -> Option<Result<Opened, CameraError>> {
-    let Found { device_id, identity } = found.iter().find(|found| found.is(wanted))?;
+    let Found { device_id, identity } = match the_only(found, wanted) {
+        Ok(found) => found?,
+        Err(error) => return Some(Err(error)),
+    };
     let device = interface.open_device(Some(device_id)).map_err(|error| failed(wanted, "opening", error));
     Some(
         device
             .and_then(|device| Ok(Opened { camera: control(&device, wanted)?, identity: identity.clone() })),
     )
+}
+
+/// The device that is meant, where there is one. A serial is a maker's own: two makers can have given the same.
+fn the_only<'a>(found: &'a [Found], wanted: &str) -> Result<Option<&'a Found>, CameraError> {
+    let matching: Vec<&Found> = found.iter().filter(|found| found.is(wanted)).collect();
+    let Some(first) = matching.first() else { return Ok(None) };
+    if matching.iter().all(|found| found.device_id == first.device_id) {
+        return Ok(Some(first));
+    }
+    Err(CameraError::Refused {
+        setting: "serial",
+        asked: wanted.to_owned(),
+        applied: listed(matching.iter().map(|found| format!("\"{}\"", told(&found.device_id))).collect()),
+        remedy: "name the camera by one of these device ids instead".into(),
+    })
 }
 
 /// Opens a GigE Vision camera without asking every interface for others.
@@ -168,7 +189,7 @@ fn open_address(address: Ipv4Addr) -> Result<Opened, CameraError> {
         cause: "this program may not use the network; a service needs the drop-in network.conf".into(),
     };
     let camera = control(&opened.ok_or_else(no_network)??, &wanted)?;
-    let text = |value: Result<GString, _>| value.map(String::from).unwrap_or_default();
+    let text = |value: Result<GString, _>| value.map(|value| told(&value)).unwrap_or_default();
     let identity = Identity {
         kind: KIND,
         vendor: text(camera.vendor_name()),
@@ -206,7 +227,38 @@ fn absent(wanted: &str, found: &[Found]) -> CameraError {
         .collect();
     let found = match found.is_empty() {
         true => "nothing (a USB camera is seen only with the access rights of the udev rules)".into(),
-        false => found.join(", "),
+        false => listed(found),
     };
     CameraError::Absent { kind: KIND, wanted: wanted.to_owned(), found }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(vendor: &str, serial: &str) -> Found {
+        Found {
+            device_id: format!("{vendor}-Model-{serial}"),
+            identity: Identity {
+                kind: KIND,
+                vendor: vendor.into(),
+                model: "Model".into(),
+                serial: serial.into(),
+                transport: USB3_VISION.into(),
+                address: String::new(),
+            },
+        }
+    }
+
+    #[test]
+    fn a_serial_of_two_makers_is_refused_with_their_device_ids() {
+        let all = [found("Maker", "1"), found("Maker", "2"), found("Other", "2")];
+        let id = |wanted| the_only(&all, wanted).map(|found| found.map(|found| found.device_id.as_str()));
+        assert_eq!(id("1").unwrap(), Some("Maker-Model-1"));
+        assert_eq!(id("3").unwrap(), None);
+        assert_eq!(id("Other-Model-2").unwrap(), Some("Other-Model-2"));
+        let error = id("2").unwrap_err();
+        assert!(error.is_refusal(), "{error}");
+        assert!(error.to_string().contains("\"Maker-Model-2\", \"Other-Model-2\""), "{error}");
+    }
 }

@@ -6,7 +6,8 @@ use aravis::glib::object::Cast;
 use aravis::prelude::*;
 use aravis::{DeviceError, GcFloat, GcInteger};
 
-use crate::camera::{CameraError, verify};
+use crate::camera::grid::Grid;
+use crate::camera::{CameraError, told, verify};
 
 /// The features of one opened device.
 pub(super) struct Features<'a> {
@@ -20,8 +21,10 @@ pub(super) struct Number<'a> {
     setting: &'static str,
     pub(super) name: &'static str,
     kind: Kind,
-    /// The device's increment, or what stands in where it does not tell.
-    step: f64,
+    /// The difference that passes for rounding.
+    tolerance: f64,
+    /// The step between two values, where the device tells one.
+    increment: Option<f64>,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -47,7 +50,7 @@ impl Features<'_> {
         }
         let entries =
             self.camera.dup_available_enumerations_as_strings(name).map_err(|error| self.failed(error))?;
-        Ok(entries.into_iter().map(String::from).collect())
+        Ok(entries.iter().map(|entry| told(entry)).collect())
     }
 
     /// Chooses an entry of an enumeration.
@@ -72,7 +75,7 @@ impl Features<'_> {
             return Err(CameraError::Refused {
                 setting,
                 asked: entry.to_owned(),
-                applied: applied.into(),
+                applied: told(&applied),
                 remedy: format!("the camera does not let {name} be changed"),
             });
         }
@@ -105,13 +108,12 @@ impl Features<'_> {
         }
     }
 
-    /// The first of `names` that the device has as a number. `fallback_step` is the difference that passes for rounding where
-    /// the device tells no increment.
+    /// The first of `names` that the device has as a number. `tolerance` is the difference that passes for rounding.
     pub(super) fn number(
         &self,
         setting: &'static str,
         names: &[&'static str],
-        fallback_step: f64,
+        tolerance: f64,
     ) -> Result<Option<Number<'_>>, CameraError> {
         for &name in names {
             let Some(kind) = self.kind(name) else { continue };
@@ -123,8 +125,8 @@ impl Features<'_> {
                 Kind::Float => self.camera.float_increment(name).ok(),
                 Kind::Integer => self.camera.integer_increment(name).ok().map(|step| step as f64),
             };
-            let step = told.filter(|step| *step > f64::MIN_POSITIVE).unwrap_or(fallback_step);
-            return Ok(Some(Number { features: self, setting, name, kind, step }));
+            let increment = told.filter(|step| *step > f64::MIN_POSITIVE);
+            return Ok(Some(Number { features: self, setting, name, kind, tolerance, increment }));
         }
         Ok(None)
     }
@@ -169,13 +171,32 @@ impl Number<'_> {
             Kind::Float => node.dynamic_cast_ref::<GcFloat>()?.unit(),
             Kind::Integer => node.dynamic_cast_ref::<GcInteger>()?.unit(),
         }?;
-        (!unit.is_empty()).then(|| unit.into())
+        (!unit.is_empty()).then(|| told(&unit))
     }
 
-    /// Writes a value that lies within the bounds, or beyond them by no more than the step.
+    /// The values that the device takes in its present state, where it tells an increment.
+    fn grid(&self) -> Result<Option<Grid>, CameraError> {
+        let Some(increment) = self.increment else { return Ok(None) };
+        let (min, max) = self.bounds()?;
+        Ok(Some(Grid::new(min, max, increment)))
+    }
+
+    /// Refuses a value that lies beside the device's grid by more than `tolerance`. Some devices confirm any value and read it back, and
+    /// apply the nearest one of the grid.
+    pub(super) fn check_on_grid(&self, asked: f64, tolerance: f64) -> Result<(), CameraError> {
+        let Some(grid) = self.grid()? else { return Ok(()) };
+        grid.check(self.setting, asked, tolerance).map(|_| ())
+    }
+
+    /// The largest value that is not above `wanted` and that the device takes.
+    pub(super) fn at_most(&self, wanted: f64) -> Result<f64, CameraError> {
+        Ok(self.grid()?.map_or(wanted, |grid| grid.at_most(wanted)))
+    }
+
+    /// Writes a value that lies within the bounds, or beyond them by no more than what passes for rounding.
     pub(super) fn write(&self, asked: f64) -> Result<(), CameraError> {
         let (min, max) = self.bounds()?;
-        if asked < min - self.step || asked > max + self.step {
+        if asked < min - self.tolerance || asked > max + self.tolerance {
             return Err(CameraError::Refused {
                 setting: self.setting,
                 asked: asked.to_string(),
@@ -183,6 +204,7 @@ impl Number<'_> {
                 remedy: "choose a value in this range".into(),
             });
         }
+        // Not `clamp`, which does not take bounds that make no sense.
         let value = asked.max(min).min(max);
         let camera = self.features.camera;
         match self.kind {
@@ -196,22 +218,23 @@ impl Number<'_> {
     pub(super) fn write_exactly(&self, asked: u32) -> Result<(), CameraError> {
         let asked = f64::from(asked);
         let (min, max) = self.bounds()?;
-        let beyond_grid = (asked - min).rem_euclid(self.step.max(1.0));
+        let step = self.increment.unwrap_or(1.0).max(1.0);
+        let beyond_grid = (asked - min).rem_euclid(step);
         if asked < min || asked > max || beyond_grid != 0.0 {
             return Err(CameraError::Refused {
                 setting: self.setting,
                 asked: asked.to_string(),
-                applied: format!("{min} to {max} in steps of {}", self.step.max(1.0)),
-                remedy: format!("choose one of these, such as {}", (asked - beyond_grid).clamp(min, max)),
+                applied: format!("{min} to {max} in steps of {step}"),
+                remedy: format!("choose one of these, such as {}", (asked - beyond_grid).max(min).min(max)),
             });
         }
         self.write(asked)
     }
 
-    /// Reads the value back and refuses it where it differs from what was asked by more than the step.
+    /// Reads the value back and refuses it where it differs from what was asked by more than what passes for rounding.
     pub(super) fn verify(&self, asked: f64) -> Result<f64, CameraError> {
         let applied = self.read()?;
-        verify(self.setting, asked, applied, self.step)?;
+        verify(self.setting, asked, applied, self.tolerance)?;
         Ok(applied)
     }
 
@@ -228,6 +251,6 @@ pub(super) fn failed(serial: &str, doing: &'static str, error: aravis::glib::Err
         Some(DeviceError::NotConnected | DeviceError::NotFound) => {
             CameraError::Disconnected { serial, doing }
         }
-        _ => CameraError::Device { serial, doing, cause: error.message().to_owned() },
+        _ => CameraError::Device { serial, doing, cause: told(error.message()) },
     }
 }

@@ -9,24 +9,28 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use super::discovery::{self, Transport};
+use super::usb::{self, UsbDevice};
 use super::{AravisCamera, KIND};
-use crate::camera::{CameraError, Identity};
+use crate::camera::{CameraError, Identity, told};
 
 /// Time between searches for a camera that is not where it was: a GigE Vision camera may have got another address.
 const SEARCH_PERIOD: Duration = Duration::from_secs(2);
 /// How long a camera on the local network may take to say that it is there.
 const ANSWER: Duration = Duration::from_millis(100);
-/// The system's list of USB devices.
-const USB_DEVICES: &str = "/sys/bus/usb/devices";
 
 /// Finds one camera.
 #[derive(Debug)]
 pub struct Finder {
+    /// The serial, device id or IPv4 address, as the configuration has it.
     wanted: String,
     /// The camera as it was found last.
     last: Option<Identity>,
+    /// Whether the system listed it then, by the serial that it told. Where it does not, its list says nothing of it.
+    was_listed: bool,
     /// Nothing while the camera is where it was.
     next_search: Option<Instant>,
+    /// What the last search found instead. Told again until the next one: an absent camera is news once.
+    found: Option<String>,
 }
 
 /// What a look without a search tells.
@@ -39,7 +43,13 @@ enum Look {
 impl Finder {
     /// For the camera whose serial, device id or IPv4 address is `wanted`.
     pub fn new(wanted: &str) -> Self {
-        Finder { wanted: wanted.to_owned(), last: None, next_search: None }
+        Finder {
+            wanted: wanted.trim().to_owned(),
+            last: None,
+            was_listed: false,
+            next_search: None,
+            found: None,
+        }
     }
 
     /// Opens the camera, as [`AravisCamera::open`]; with little effort where it was opened before, or tried to.
@@ -47,40 +57,80 @@ impl Finder {
     /// # Errors
     /// Those of [`AravisCamera::open`].
     pub fn open(&mut self) -> Result<AravisCamera, CameraError> {
-        let camera = match self.look() {
-            Look::There(last) => AravisCamera::of(discovery::reopen(&last)?),
-            Look::Unknown => AravisCamera::open(&self.wanted)?,
-            Look::Gone(found) => {
-                return Err(CameraError::Absent { kind: KIND, wanted: self.wanted.clone(), found });
-            }
+        let opened = match self.look() {
+            Look::There(last) if self.address().is_none() => discovery::reopen(&last).map(AravisCamera::of),
+            Look::There(_) | Look::Unknown => AravisCamera::open(&self.wanted),
+            Look::Gone(found) => return Err(self.absent(found)),
         };
-        self.last = Some(camera.identity.clone());
-        self.next_search = None;
-        Ok(camera)
+        match opened {
+            Ok(camera) => {
+                self.was_listed = plugged_in(&camera.identity.serial).is_some();
+                self.last = Some(camera.identity.clone());
+                self.next_search = None;
+                self.found = None;
+                Ok(camera)
+            }
+            Err(CameraError::Absent { found, .. }) => {
+                let serial = self.last.as_ref().map_or(&self.wanted, |last| &last.serial);
+                let found = plugged_in(serial).map_or(found, |device| device.why_unseen());
+                self.found = Some(found.clone());
+                Err(self.absent(found))
+            }
+            Err(error) => Err(error),
+        }
     }
 
     fn look(&mut self) -> Look {
-        let address = self.wanted.parse::<Ipv4Addr>().ok();
+        let address = self.address();
         let Some(last) = self.last.clone() else {
             let is_seen = match address {
                 Some(address) => answers(address, None),
-                None => is_plugged_in(Path::new(USB_DEVICES), &self.wanted),
+                None => plugged_in(&self.wanted).is_some(),
             };
             // The first search tells what is there instead. At an address, there is nothing more to be found.
             let search = is_seen
                 || (self.next_search.is_none() || address.is_none()) && self.search_is_due(Duration::ZERO);
-            return if search { Look::Unknown } else { Look::Gone("nothing of that name".into()) };
+            return match search {
+                true => Look::Unknown,
+                false => self.gone("nothing of that name".into()),
+            };
         };
-        // Who names an address means whatever camera is there.
-        let serial = address.is_none().then_some(last.serial.as_str());
-        if is_there(&last, serial) {
-            return Look::There(last);
+        let nothing_there = format!("nothing where it was ({} {})", last.transport, last.address);
+        match (Transport::of(&last), last.address.parse()) {
+            (Transport::Usb, _) if self.was_listed => match plugged_in(&last.serial) {
+                Some(_) => Look::There(last),
+                None => Look::Gone(nothing_there),
+            },
+            (Transport::Usb, _) => match self.search_is_due(Duration::ZERO) {
+                true => Look::There(last),
+                false => self.gone(nothing_there),
+            },
+            (Transport::Gige, Ok(at)) => {
+                // Who names an address means whatever camera is there.
+                let serial = address.is_none().then_some(last.serial.as_str());
+                if answers(at, serial) {
+                    Look::There(last)
+                } else if address.is_none() && self.search_is_due(SEARCH_PERIOD) {
+                    Look::Unknown
+                } else {
+                    self.gone(nothing_there)
+                }
+            }
+            _ => Look::There(last),
         }
-        let may_have_moved = Transport::of(&last) == Transport::Gige && address.is_none();
-        match may_have_moved && self.search_is_due(SEARCH_PERIOD) {
-            true => Look::Unknown,
-            false => Look::Gone(format!("nothing where it was ({} {})", last.transport, last.address)),
-        }
+    }
+
+    fn address(&self) -> Option<Ipv4Addr> {
+        self.wanted.parse().ok()
+    }
+
+    /// What the last search found, or else this.
+    fn gone(&self, otherwise: String) -> Look {
+        Look::Gone(self.found.clone().unwrap_or(otherwise))
+    }
+
+    fn absent(&self, found: String) -> CameraError {
+        CameraError::Absent { kind: KIND, wanted: self.wanted.clone(), found }
     }
 
     fn search_is_due(&mut self, first: Duration) -> bool {
@@ -93,21 +143,9 @@ impl Finder {
     }
 }
 
-/// Whether a camera, one of this serial where there is one, is where it was found before.
-fn is_there(last: &Identity, serial: Option<&str>) -> bool {
-    match (Transport::of(last), last.address.parse()) {
-        (Transport::Usb, _) => is_plugged_in(Path::new(USB_DEVICES), &last.serial),
-        (Transport::Gige, Ok(address)) => answers(address, serial),
-        _ => true,
-    }
-}
-
-/// Whether the system lists a USB device of this serial. Asks no device.
-fn is_plugged_in(devices: &Path, serial: &str) -> bool {
-    let Ok(devices) = devices.read_dir() else { return false };
-    devices.flatten().any(|device| {
-        std::fs::read_to_string(device.path().join("serial")).is_ok_and(|found| found.trim_end() == serial)
-    })
+/// A camera of this serial on USB, where the system lists one.
+fn plugged_in(serial: &str) -> Option<UsbDevice> {
+    usb::find(Path::new(usb::DEVICES), serial)
 }
 
 /// Whether a GigE Vision camera of this serial answers at this address: DISCOVERY_CMD of GVCP to one address, and the serial number
@@ -129,30 +167,15 @@ fn answers(address: Ipv4Addr, serial: Option<&str>) -> bool {
         socket.recv(&mut answer).map(|length| answer.get(..length).unwrap_or_default().to_vec())
     };
     let Ok(answer) = ask() else { return false };
-    let told = answer.get(SERIAL_NUMBER).unwrap_or_default();
-    let told = told.split(|byte| *byte == 0).next().unwrap_or_default();
-    answer.get(2..4) == Some(&DISCOVERY_ACK) && serial.is_none_or(|serial| told == serial.as_bytes())
+    let number = answer.get(SERIAL_NUMBER).unwrap_or_default();
+    let number = number.split(|byte| *byte == 0).next().unwrap_or_default();
+    let is_wanted = |serial: &str| told(&String::from_utf8_lossy(number)) == serial;
+    answer.get(2..4) == Some(&DISCOVERY_ACK) && serial.is_none_or(is_wanted)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_usb_camera_is_plugged_in_where_the_system_lists_its_serial() {
-        let devices = tempfile::tempdir().unwrap();
-        for (device, serial) in [("1-1", Some("25003774\n")), ("1-2", None), ("usb1", Some("0000:00:14.0\n"))]
-        {
-            let folder = devices.path().join(device);
-            std::fs::create_dir(&folder).unwrap();
-            if let Some(serial) = serial {
-                std::fs::write(folder.join("serial"), serial).unwrap();
-            }
-        }
-        assert!(is_plugged_in(devices.path(), "25003774"));
-        assert!(!is_plugged_in(devices.path(), "2500377"));
-        assert!(!is_plugged_in(&devices.path().join("nowhere"), "25003774"));
-    }
 
     #[test]
     fn searches_keep_their_distance() {
@@ -161,5 +184,14 @@ mod tests {
         assert!(!finder.search_is_due(Duration::ZERO));
         finder.next_search = None;
         assert!(!finder.search_is_due(SEARCH_PERIOD));
+    }
+
+    #[test]
+    fn between_two_searches_the_last_finding_is_told_again() {
+        let mut finder = Finder::new("no such serial");
+        finder.found = Some("another camera".into());
+        finder.next_search = Some(Instant::now() + SEARCH_PERIOD);
+        let error = finder.open().unwrap_err().to_string();
+        assert!(error.contains("\"no such serial\" is not connected; found: another camera"), "{error}");
     }
 }

@@ -98,6 +98,11 @@ pub(super) fn tune(stream: &Stream, payload_bytes: usize) {
     stream.set_socket_buffer_size(i32::try_from(SOCKET_FRAMES * payload_bytes).unwrap_or(i32::MAX));
 }
 
+/// Bytes of the packets that frames come in (GevSCPSPacketSize), headers included; nothing for another transport.
+pub(super) fn packet_bytes(camera: &aravis::Camera) -> Option<u32> {
+    camera.is_gv_device().then(|| camera.gv_get_packet_size().ok())?
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,11 +8,9 @@ use v4l::fraction::Fraction;
 use super::controls::{self, Failure};
 use super::device::Device;
 use super::format::{self, Layout};
-use crate::camera::{Applied, CameraError, Settings, verify};
+use crate::camera::{Applied, CameraError, Settings, frame_rate_tolerance, verify};
 use crate::config::{V4l2, V4l2Memory};
 
-/// The difference of frame rates that passes for rounding: a device has a few rates, and names them in units of its own.
-const FRAME_RATE_STEP: f64 = 0.005;
 /// A time per frame is asked for as this many parts of a second by as many times the rate.
 const INTERVAL_UNITS: f64 = 10_000.0;
 
@@ -71,7 +69,7 @@ fn set_rate(device: &Device, settings: &Settings) -> Result<f64, Failure> {
         .into());
     };
     let fps = rate(applied);
-    verify("fps", settings.fps, fps, FRAME_RATE_STEP * settings.fps)?;
+    verify("fps", settings.fps, fps, frame_rate_tolerance(settings.fps))?;
     Ok(fps)
 }
 
@@ -89,6 +87,21 @@ fn rate(interval: Fraction) -> f64 {
 mod tests {
     use super::*;
 
+    fn settings(fps: f64) -> Settings {
+        Settings {
+            width: 8,
+            height: 4,
+            offset_x: 0,
+            offset_y: 0,
+            binning_horizontal: 1,
+            binning_vertical: 1,
+            pixel_format: uvcam_shm_ipc::PixelFormat::Mono8,
+            fps,
+            exposure_us: 1000.0,
+            gain_db: 0.0,
+        }
+    }
+
     #[test]
     fn a_rate_becomes_a_time_per_frame_and_back() {
         for fps in [0.1, 1.0, 29.97, 59.9, 60.0, 10_000.0] {
@@ -99,6 +112,22 @@ mod tests {
             60.0,
             "in units of 100 ns, as UVC counts"
         );
+    }
+
+    #[test]
+    fn a_sensor_whose_driver_knows_no_rate_is_refused_by_name() {
+        // Like such a driver, it answers the question for a rate with ENOTTY.
+        let device = Device::open(std::path::Path::new("/dev/null")).unwrap();
+        match set_rate(&device, &settings(60.0)) {
+            Err(Failure::Refused(error)) => {
+                assert!(
+                    error.to_string().contains("fps = 60 refused: the camera gives no control of it"),
+                    "{error}"
+                );
+            }
+            Err(Failure::Io(error)) => panic!("{error}"),
+            Ok(fps) => panic!("{fps} fps"),
+        }
     }
 
     #[test]

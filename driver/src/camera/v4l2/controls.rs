@@ -5,7 +5,8 @@ use std::io;
 use rustix::io::Errno;
 use v4l::v4l_sys::*;
 
-use crate::camera::{CameraError, Settings, verify};
+use crate::camera::grid::Grid;
+use crate::camera::{CameraError, GAIN_TOLERANCE_DB, Settings, exposure_tolerance_us, verify};
 use crate::config::V4l2;
 
 /// A device's controls, by their ids (V4L2_CID_*).
@@ -25,6 +26,12 @@ pub(super) struct Range {
 }
 
 impl Range {
+    /// The value nearest to nothing.
+    fn next_to_zero(self) -> i64 {
+        // Not `clamp`, which does not take bounds that make no sense.
+        0.max(self.minimum).min(self.maximum)
+    }
+
     fn contains(self, value: i64) -> bool {
         (self.minimum..=self.maximum).contains(&value)
     }
@@ -32,16 +39,13 @@ impl Range {
 
 /// What would change a picture by itself, its name, and the value that makes it stop. A device has few of them. The mains
 /// frequency makes automatic exposures avoid flicker; white balance and hue reach the luma of YUYV.
-const AUTOMATICS: [(u32, &str, i64); 8] = [
+const AUTOMATICS: [(u32, &str, i64); 6] = [
     (V4L2_CID_EXPOSURE_AUTO, "exposure_auto", v4l2_exposure_auto_type_V4L2_EXPOSURE_MANUAL as i64),
-    // Lets the device lower its frame rate for a longer exposure.
-    (V4L2_CID_EXPOSURE_AUTO_PRIORITY, "exposure_dynamic_framerate", 0),
     (V4L2_CID_AUTOGAIN, "gain_automatic", 0),
     (V4L2_CID_AUTOBRIGHTNESS, "brightness_automatic", 0),
     (V4L2_CID_AUTO_WHITE_BALANCE, "white_balance_automatic", 0),
     (V4L2_CID_HUE_AUTO, "hue_automatic", 0),
     (V4L2_CID_WIDE_DYNAMIC_RANGE, "wide_dynamic_range", 0),
-    (V4L2_CID_BACKLIGHT_COMPENSATION, "backlight_compensation", 0),
 ];
 
 /// V4L2_CID_EXPOSURE_ABSOLUTE counts in this unit.
@@ -70,10 +74,21 @@ impl From<io::Error> for Failure {
 
 /// Switches all automatics off.
 pub(super) fn automatics_off(controls: &dyn Controls) -> Result<(), Failure> {
+    // Lets an automatic exposure lower the frame rate. Off before that is: a device may lock it while the exposure is fixed (USB Video
+    // Class 1.1, 4.2.2.1.3), and it changes nothing then.
+    leave_where_locked(set_where_present(
+        controls,
+        V4L2_CID_EXPOSURE_AUTO_PRIORITY,
+        "exposure_dynamic_framerate",
+        0,
+    ))?;
     for (id, name, off) in AUTOMATICS {
-        if controls.range(id)?.is_some() {
-            set(controls, id, name, off)?;
-        }
+        set_where_present(controls, id, name, off)?;
+    }
+    // No automatic but a constant, which need not know 0.
+    let id = V4L2_CID_BACKLIGHT_COMPENSATION;
+    if let Some(range) = controls.range(id)? {
+        leave_where_locked(set(controls, id, "backlight_compensation", range.next_to_zero()))?;
     }
     let id = V4L2_CID_POWER_LINE_FREQUENCY;
     let disabled = v4l2_power_line_frequency_V4L2_CID_POWER_LINE_FREQUENCY_DISABLED.into();
@@ -82,6 +97,17 @@ pub(super) fn automatics_off(controls: &dyn Controls) -> Result<(), Failure> {
         set(controls, id, "power_line_frequency", disabled)?;
     }
     Ok(())
+}
+
+/// For what changes no picture of a fixed exposure by itself: a refusal is a warning.
+fn leave_where_locked(outcome: Result<(), Failure>) -> Result<(), Failure> {
+    match outcome {
+        Err(Failure::Refused(error)) => {
+            tracing::warn!("{error}; left as it is: the exposure is fixed");
+            Ok(())
+        }
+        outcome => outcome,
+    }
 }
 
 /// Sets the exposure time.
@@ -106,10 +132,11 @@ pub(super) fn read_exposure(
     source: &V4l2,
 ) -> Result<f64, Failure> {
     let id = V4L2_CID_EXPOSURE_ABSOLUTE;
-    let Some(range) = controls.range(id)? else { return fixed_exposure(settings, source) };
+    if controls.range(id)?.is_none() {
+        return fixed_exposure(settings, source);
+    }
     let applied = controls.read(id)? as f64 * EXPOSURE_UNIT_US;
-    // Half a step: the nearest one was asked for.
-    verify("exposure_us", settings.exposure_us, applied, range.step as f64 * EXPOSURE_UNIT_US / 2.0)?;
+    verify("exposure_us", settings.exposure_us, applied, exposure_tolerance_us(settings.exposure_us))?;
     Ok(applied)
 }
 
@@ -130,22 +157,13 @@ fn fixed_exposure(settings: &Settings, source: &V4l2) -> Result<f64, Failure> {
 }
 
 fn exposure_value(exposure_us: f64, range: Range) -> Result<i64, CameraError> {
-    let value = nearest(exposure_us / EXPOSURE_UNIT_US, range);
-    let applied = value as f64 * EXPOSURE_UNIT_US;
-    let step = range.step as f64 * EXPOSURE_UNIT_US;
-    match (exposure_us - applied).abs() <= step / 2.0 {
-        true => Ok(value),
-        false => Err(CameraError::Refused {
-            setting: "exposure_us",
-            asked: exposure_us.to_string(),
-            applied: format!(
-                "{} to {} in steps of {step}",
-                range.minimum as f64 * EXPOSURE_UNIT_US,
-                range.maximum as f64 * EXPOSURE_UNIT_US
-            ),
-            remedy: format!("the nearest exposure_us is {applied}"),
-        }),
-    }
+    let Range { minimum, maximum, step } = range;
+    let [minimum_us, maximum_us, step_us] =
+        [minimum, maximum, step].map(|units| units as f64 * EXPOSURE_UNIT_US);
+    let tolerance_us = exposure_tolerance_us(exposure_us);
+    let nearest_us =
+        Grid::new(minimum_us, maximum_us, step_us).check("exposure_us", exposure_us, tolerance_us)?;
+    Ok((nearest_us / EXPOSURE_UNIT_US).round() as i64)
 }
 
 /// Sets the gain.
@@ -169,11 +187,10 @@ pub(super) fn write_gain(controls: &dyn Controls, settings: &Settings, source: &
 /// The gain that the device keeps, decibels above its lowest, where it is the one asked for.
 pub(super) fn read_gain(controls: &dyn Controls, settings: &Settings, source: &V4l2) -> Result<f64, Failure> {
     let Some((id, range)) = gain_of(controls)? else { return Ok(0.0) };
-    let steps = (controls.read(id)? - range.minimum) as f64;
+    let steps = controls.read(id)?.saturating_sub(range.minimum) as f64;
     // Without a scale the lowest gain alone is known.
     let applied = if steps == 0.0 { 0.0 } else { steps * source.gain_step_db.unwrap_or(f64::NAN) };
-    let step = source.gain_step_db.unwrap_or(0.0) * range.step as f64 / 2.0;
-    verify("gain_db", settings.gain_db, applied, step)?;
+    verify("gain_db", settings.gain_db, applied, GAIN_TOLERANCE_DB)?;
     Ok(applied)
 }
 
@@ -203,25 +220,24 @@ fn gain_value(gain_db: f64, step_db: Option<f64>, range: Range) -> Result<i64, C
             }),
         };
     };
-    let value = nearest(range.minimum as f64 + gain_db / step_db, range);
-    let applied = (value - range.minimum) as f64 * step_db;
-    match (gain_db - applied).abs() <= step_db * range.step as f64 / 2.0 {
-        true => Ok(value),
-        false => Err(CameraError::Refused {
-            setting: "gain_db",
-            asked: gain_db.to_string(),
-            applied: format!("0 to {}", (range.maximum - range.minimum) as f64 * step_db),
-            remedy: format!("the nearest gain_db is {applied}"),
-        }),
-    }
+    let Range { minimum, maximum, step } = range;
+    let largest_db = maximum.saturating_sub(minimum) as f64 * step_db;
+    let nearest_db =
+        Grid::new(0.0, largest_db, step as f64 * step_db).check("gain_db", gain_db, GAIN_TOLERANCE_DB)?;
+    Ok(minimum.saturating_add((nearest_db / step_db).round() as i64))
 }
 
-/// The value of the range next to `wanted`.
-fn nearest(wanted: f64, range: Range) -> i64 {
-    let step = range.step as f64;
-    let steps = ((wanted - range.minimum as f64) / step).round();
-    let last = ((range.maximum - range.minimum) / range.step) as f64;
-    range.minimum + steps.clamp(0.0, last) as i64 * range.step
+/// Sets a control, where the device has it, and reads it back.
+fn set_where_present(
+    controls: &dyn Controls,
+    id: u32,
+    name: &'static str,
+    value: i64,
+) -> Result<(), Failure> {
+    match controls.range(id)? {
+        Some(_) => set(controls, id, name, value),
+        None => Ok(()),
+    }
 }
 
 /// Sets a control and reads it back. `name` is what the kernel calls it.
@@ -245,9 +261,13 @@ fn set(controls: &dyn Controls, id: u32, name: &'static str, value: i64) -> Resu
     }
 }
 
-/// Whether the device answers that it does not take a value: there is no such one, the control is read-only, or it is held.
+/// Whether the device answers that it does not take a value: there is no such one, the control is read-only, locked in the present state,
+/// or it is held. A USB device that refuses a request without a word stalls its pipe.
 fn is_no(error: &io::Error) -> bool {
-    matches!(Errno::from_io_error(error), Some(Errno::INVAL | Errno::RANGE | Errno::ACCESS | Errno::BUSY))
+    matches!(
+        Errno::from_io_error(error),
+        Some(Errno::INVAL | Errno::RANGE | Errno::ACCESS | Errno::BUSY | Errno::ILSEQ | Errno::PIPE)
+    )
 }
 
 #[cfg(test)]

@@ -27,8 +27,11 @@ use v4l::video::capture::Parameters;
 
 use super::controls::{Controls, Range};
 use super::format::FourCc;
+use crate::camera::told;
 use crate::config::V4l2Memory;
 
+/// Formats that are looked at, should a driver's list never end.
+const MOST_FORMATS: u32 = 256;
 const CAPTURE: u32 = v4l2_buf_type_V4L2_BUF_TYPE_VIDEO_CAPTURE;
 
 /// An open video device.
@@ -115,17 +118,15 @@ impl Device {
 
     /// The pixel formats that the device offers.
     pub(super) fn formats(&self) -> Vec<FourCc> {
-        let mut formats = Vec::new();
-        loop {
+        let format = |index| {
             let mut answer = all_zeros!(v4l2_fmtdesc);
-            answer.index = formats.len() as u32;
+            answer.index = index;
             answer.type_ = CAPTURE;
             // The list ends with an error.
-            if request!(self, VIDIOC_ENUM_FMT, &mut answer).is_err() {
-                return formats;
-            }
-            formats.push(FourCc(answer.pixelformat.to_le_bytes()));
-        }
+            request!(self, VIDIOC_ENUM_FMT, &mut answer).ok()?;
+            Some(FourCc(answer.pixelformat.to_le_bytes()))
+        };
+        (0..MOST_FORMATS).map_while(format).collect()
     }
 
     /// Asks for progressive frames of this size and format without row padding, and returns what the device gives instead.
@@ -144,7 +145,12 @@ impl Device {
 
     /// Asks for a time per frame, and returns the one that the device keeps; `None` where it has no control of it.
     pub(super) fn set_interval(&self, interval: Fraction) -> io::Result<Option<Fraction>> {
-        let applied = self.0.set_params(&Parameters::new(interval))?;
+        let applied = match self.0.set_params(&Parameters::new(interval)) {
+            Ok(applied) => applied,
+            // A sensor whose driver does not know the request at all.
+            Err(error) if Errno::from_io_error(&error) == Some(Errno::NOTTY) => return Ok(None),
+            Err(error) => return Err(error),
+        };
         Ok(applied
             .capabilities
             .contains(v4l::parameters::Capabilities::TIME_PER_FRAME)
@@ -262,7 +268,7 @@ impl Controls for Device {
             Ok(()) => Ok(Some(Range {
                 minimum: answer.minimum,
                 maximum: answer.maximum,
-                step: i64::try_from(answer.step).unwrap_or(1).max(1),
+                step: i64::try_from(answer.step).unwrap_or(i64::MAX).max(1),
             })),
             // EINVAL: no such control. ENOTTY: no controls at all.
             Err(error) if matches!(Errno::from_io_error(&error), Some(Errno::INVAL | Errno::NOTTY)) => {
@@ -303,7 +309,7 @@ fn monotonic_stamp_ns(buffer: &v4l2_buffer) -> Option<u64> {
 /// A text of fixed size, which ends at its first zero.
 fn text(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
-    String::from_utf8_lossy(&bytes[..end]).trim().to_owned()
+    told(&String::from_utf8_lossy(&bytes[..end]))
 }
 
 #[cfg(test)]

@@ -4,9 +4,11 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use rustix::io::Errno;
+
 use super::KIND;
 use super::device::{Capability, Device};
-use crate::camera::{CameraError, Identity};
+use crate::camera::{CameraError, Identity, listed, told};
 use crate::config::V4l2Device;
 
 /// Every video device has a folder here, of the name of its node (sysfs).
@@ -43,7 +45,12 @@ pub(super) fn open(wanted: &V4l2Device) -> Result<(Device, Identity), CameraErro
             _ => CameraError::Device {
                 serial: path.display().to_string(),
                 doing: "opening",
-                cause: format!("{error}; check the rights on the device (udev rules)"),
+                cause: match Errno::from_io_error(&error) {
+                    Some(Errno::NOTTY) => {
+                        "it is no video device; uvcam list shows those that are cameras".into()
+                    }
+                    _ => format!("{error}; check the rights on the device (udev rules)"),
+                },
             },
         }),
     }
@@ -51,14 +58,14 @@ pub(super) fn open(wanted: &V4l2Device) -> Result<(Device, Identity), CameraErro
 
 /// The node of the only camera with this serial.
 fn path_of(serial: &str, cameras: Vec<Identity>) -> Result<PathBuf, CameraError> {
-    let matching: Vec<&Identity> = cameras.iter().filter(|camera| camera.serial == serial).collect();
+    let matching: Vec<&Identity> = cameras.iter().filter(|camera| camera.serial == serial.trim()).collect();
     match matching.as_slice() {
         [] => Err(absent(serial, &described(&cameras))),
         [camera] => Ok(camera.address.clone().into()),
         several => Err(CameraError::Refused {
             setting: "serial",
             asked: serial.to_owned(),
-            applied: several.iter().map(|camera| camera.address.as_str()).collect::<Vec<_>>().join(", "),
+            applied: listed(several.iter().map(|camera| camera.address.clone()).collect()),
             remedy: "name the camera by its path instead, such as a link in /dev/v4l/by-path".into(),
         }),
     }
@@ -82,7 +89,7 @@ fn identity(capability: Capability, usb: Option<&Path>, node: &Path) -> Identity
     let Capability { driver, card, bus_info, .. } = capability;
     let attribute = |name: &str| {
         let text = fs::read_to_string(usb?.join(name)).ok()?;
-        Some(text.trim().to_owned()).filter(|text| !text.is_empty())
+        Some(told(&text)).filter(|text| !text.is_empty())
     };
     let bus = bus_info.split(':').next().unwrap_or_default().to_owned();
     Identity {
@@ -111,7 +118,7 @@ fn described(cameras: &[Identity]) -> String {
         .iter()
         .map(|Identity { model, serial, address, .. }| format!("{model} \"{serial}\" ({address})"))
         .collect();
-    described.join(", ")
+    listed(described)
 }
 
 fn absent(wanted: &str, found: &str) -> CameraError {
@@ -183,5 +190,6 @@ mod tests {
         );
         let error = open(&V4l2Device::Path("/dev/null".into())).err().unwrap();
         assert!(matches!(error, CameraError::Device { .. }), "{error}");
+        assert!(error.to_string().contains("it is no video device"), "{error}");
     }
 }

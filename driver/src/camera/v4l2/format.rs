@@ -119,6 +119,11 @@ impl Layout {
         self.stride * self.rows
     }
 
+    /// Whether a frame came entirely into memory of `memory_bytes`. A driver may claim to have used more bytes than there are.
+    pub(super) fn is_whole(&self, bytes_used: usize, memory_bytes: usize) -> bool {
+        bytes_used.min(memory_bytes) >= self.frame_bytes()
+    }
+
     /// Bytes of a frame in a slot.
     pub(super) fn payload_bytes(&self) -> usize {
         self.row_bytes * self.rows
@@ -233,6 +238,15 @@ mod tests {
         let row = |first: u8| [first, 99, first + 1, 99, first + 2, 99, first + 3, 99, 77, 77];
         layout.copy(&[row(1), row(5)].concat(), &mut slot);
         assert_eq!(slot, [1, 2, 3, 4, 5, 6, 7, 8]);
+    }
+
+    #[test]
+    fn a_frame_is_whole_where_driver_and_memory_agree() {
+        let asked = settings(8, 4, PixelFormat::Mono8);
+        let layout = Layout::of(&given(GREY, (8, 4), 8, 32), GREY, &asked).unwrap();
+        assert!(layout.is_whole(32, 32) && layout.is_whole(32, 4096));
+        assert!(!layout.is_whole(31, 32), "a short frame");
+        assert!(!layout.is_whole(32, 31), "a buffer that does not hold what its driver claims");
     }
 
     #[test]

@@ -83,10 +83,10 @@ impl Stream {
     }
 
     /// Starts the device with all slots queued so far, with the first of these memories that it takes, and returns that one.
-    pub(super) fn start(&mut self, memories: &[V4l2Memory]) -> io::Result<V4l2Memory> {
+    pub(super) fn start(&mut self, memories: &[V4l2Memory], layout: &Layout) -> io::Result<V4l2Memory> {
         let mut outcome = Err(io::Error::from(io::ErrorKind::Unsupported));
         for memory in memories {
-            outcome = self.prepare(*memory).map(|()| *memory);
+            outcome = self.prepare(*memory, layout).map(|()| *memory);
             if outcome.is_ok() {
                 break;
             }
@@ -130,19 +130,24 @@ impl Stream {
     }
 
     /// Gets buffers, and hands them and the slots to the device.
-    fn prepare(&mut self, memory: V4l2Memory) -> io::Result<()> {
+    fn prepare(&mut self, memory: V4l2Memory, layout: &Layout) -> io::Result<()> {
         match memory {
             V4l2Memory::UserPointer => {
-                let count = self.device.request_buffers(memory, MOST_BUFFERS)?;
+                let count = self.device.request_buffers(memory, MOST_BUFFERS)?.min(MOST_BUFFERS);
                 self.buffers = Buffers::UserPointer((0..count).map(|_| UserBuffer::default()).collect());
                 self.hand_over()
             }
             V4l2Memory::Mapped => {
                 let wanted = self.waiting.len().clamp(2, MOST_BUFFERS);
-                let count = self.device.request_buffers(memory, wanted)?;
+                let count = self.device.request_buffers(memory, wanted)?.min(MOST_BUFFERS);
                 self.buffers = Buffers::Mapped(Vec::new());
                 let mappings: Vec<Mapping> =
                     (0..count).map(|index| Mapping::of(&self.device, index)).collect::<io::Result<_>>()?;
+                if let Some(short) = mappings.iter().find(|mapping| mapping.length < layout.frame_bytes()) {
+                    let (bytes, needed) = (short.length, layout.frame_bytes());
+                    let cause = format!("its driver has buffers of {bytes} bytes for frames of {needed}");
+                    return Err(io::Error::other(cause));
+                }
                 self.buffers = Buffers::Mapped(mappings);
                 (0..count).try_for_each(|index| self.device.queue_mapped(index))
             }
@@ -173,24 +178,27 @@ impl Stream {
 
     /// The slot that the frame is in; `None` where there was none for it.
     fn take(&mut self, done: &Dequeued, layout: &Layout) -> io::Result<Option<(Slot, Option<Frame>)>> {
-        let whole = !done.damaged && done.bytes_used >= layout.frame_bytes();
-        let frame = whole.then_some(Frame {
-            sequence: done.sequence,
-            timestamp_ns: done.timestamp_ns,
-            is_of_exposure_start: done.is_of_exposure_start,
-        });
+        let frame_within = |memory_bytes: usize| {
+            (!done.damaged && layout.is_whole(done.bytes_used, memory_bytes)).then_some(Frame {
+                sequence: done.sequence,
+                timestamp_ns: done.timestamp_ns,
+                is_of_exposure_start: done.is_of_exposure_start,
+            })
+        };
         let unknown = || io::Error::other(format!("its driver returned the unknown buffer {}", done.index));
         match &mut self.buffers {
             Buffers::UserPointer(buffers) => {
                 let buffer = buffers.get_mut(done.index).ok_or_else(unknown)?;
                 let slot = buffer.queued.take().ok_or_else(unknown)?;
+                let frame = frame_within(slot.len());
                 self.hand_over()?;
                 Ok(Some((slot, frame)))
             }
             Buffers::Mapped(mappings) => {
                 let mapping = mappings.get(done.index).ok_or_else(unknown)?;
+                let frame = frame_within(mapping.length);
                 let mut slot = self.waiting.pop_front();
-                if let (true, Some(slot)) = (whole, slot.as_mut()) {
+                if let (Some(_), Some(slot)) = (&frame, slot.as_mut()) {
                     layout.copy(mapping.bytes(), slot.pixels_mut());
                 }
                 self.device.queue_mapped(done.index)?;

@@ -74,7 +74,7 @@ fn describe(camera: &Running) -> String {
     match &camera.state {
         _ if camera.is_stuck => format!("{name} stuck"),
         None => format!("{name} starting"),
-        Some(State::Streaming) => {
+        Some(State::Streaming(_)) => {
             format!("{name} streaming, {} lost", camera.counters.lost.load(Ordering::Relaxed))
         }
         Some(State::Generating) => format!("{name} generating"),

@@ -15,20 +15,29 @@ struct Entry {
     value: i64,
     /// It takes a value and keeps another one.
     stubborn: bool,
+    /// It stalls while the exposure is fixed.
+    locked_while_manual: bool,
 }
 
 #[derive(Default)]
 struct Table(RefCell<BTreeMap<u32, Entry>>);
 
+const MANUAL: i64 = v4l2_exposure_auto_type_V4L2_EXPOSURE_MANUAL as i64;
+
 impl Table {
     fn with(self, id: u32, (minimum, maximum, step): (i64, i64, i64), value: i64) -> Self {
         let range = Range { minimum, maximum, step };
-        self.0.borrow_mut().insert(id, Entry { range, value, stubborn: false });
+        self.0.borrow_mut().insert(id, Entry { range, value, stubborn: false, locked_while_manual: false });
         self
     }
 
     fn stubborn(self, id: u32) -> Self {
         self.0.borrow_mut().get_mut(&id).unwrap().stubborn = true;
+        self
+    }
+
+    fn locked_while_manual(self, id: u32) -> Self {
+        self.0.borrow_mut().get_mut(&id).unwrap().locked_while_manual = true;
         self
     }
 
@@ -48,9 +57,13 @@ impl Controls for Table {
 
     fn write(&self, id: u32, value: i64) -> io::Result<()> {
         let mut table = self.0.borrow_mut();
+        let is_manual = table.get(&V4L2_CID_EXPOSURE_AUTO).is_some_and(|mode| mode.value == MANUAL);
         let entry = table.get_mut(&id).ok_or(Errno::INVAL)?;
         if !entry.range.contains(value) {
             return Err(Errno::RANGE.into());
+        }
+        if entry.locked_while_manual && is_manual {
+            return Err(Errno::PIPE.into());
         }
         if !entry.stubborn {
             entry.value = value;
@@ -130,9 +143,43 @@ fn a_mains_frequency_that_cannot_be_switched_off_is_left() {
 }
 
 #[test]
+fn the_frame_rate_comes_before_the_fixed_exposure_that_locks_it() {
+    let device = |mode| {
+        Table::default()
+            .with(V4L2_CID_EXPOSURE_AUTO, (0, 3, 1), mode)
+            .with(V4L2_CID_EXPOSURE_AUTO_PRIORITY, (0, 1, 1), 1)
+            .locked_while_manual(V4L2_CID_EXPOSURE_AUTO_PRIORITY)
+    };
+    let automatic = device(3);
+    fine(automatics_off(&automatic));
+    assert_eq!(automatic.value(V4L2_CID_EXPOSURE_AUTO_PRIORITY), 0);
+    assert_eq!(automatic.value(V4L2_CID_EXPOSURE_AUTO), MANUAL);
+
+    // Left behind by another program: it cannot be changed any more, and changes nothing.
+    let manual = device(MANUAL);
+    fine(automatics_off(&manual));
+    assert_eq!(manual.value(V4L2_CID_EXPOSURE_AUTO_PRIORITY), 1);
+}
+
+#[test]
+fn a_constant_takes_the_least_that_it_knows() {
+    for (range, least) in
+        [((0, 2, 1), 0), ((1, 5, 1), 1), ((-4, 4, 1), 0), ((-10, -1, 1), -1), ((3, 1, 1), 1)]
+    {
+        let table = Table::default().with(V4L2_CID_BACKLIGHT_COMPENSATION, range, 2);
+        fine(automatics_off(&table));
+        let kept = table.value(V4L2_CID_BACKLIGHT_COMPENSATION);
+        assert!(kept == least || range.0 > range.1, "{kept} of {range:?}");
+    }
+    let id = V4L2_CID_BACKLIGHT_COMPENSATION;
+    let stubborn = Table::default().with(id, (0, 2, 1), 2).stubborn(id);
+    fine(automatics_off(&stubborn));
+}
+
+#[test]
 fn exposure_is_set_in_units_of_100_us() {
     let table = Table::default().with(EXPOSURE, (1, 10_000, 1), 157);
-    for (asked, value, applied) in [(1000.0, 10, 1000.0), (1049.0, 10, 1000.0), (50.0, 1, 100.0)] {
+    for (asked, value, applied) in [(1000.0, 10, 1000.0), (1009.0, 10, 1000.0), (99.0, 1, 100.0)] {
         let settings = settings(asked, 0.0);
         fine(write_exposure(&table, &settings, &source(None, None)));
         assert_eq!(table.value(EXPOSURE), value);
@@ -141,10 +188,25 @@ fn exposure_is_set_in_units_of_100_us() {
 }
 
 #[test]
+fn an_exposure_between_two_steps_is_refused_with_both() {
+    let table = Table::default().with(EXPOSURE, (1, 10_000, 1), 157);
+    let refused = |us| refusal(write_exposure(&table, &settings(us, 0.0), &source(None, None)));
+    for asked in [149.0, 150.0, 151.0] {
+        let message = refused(asked);
+        assert!(message.contains("the nearest exposure_us are 100 and 200"), "{message}");
+    }
+    assert!(refused(1049.0).contains("the nearest exposure_us are 1000 and 1100"));
+    assert!(refused(50.0).contains("the nearest exposure_us is 100"));
+    assert_eq!(table.value(EXPOSURE), 157, "nothing was written");
+}
+
+#[test]
 fn exposure_follows_the_steps_of_the_device() {
     let table = Table::default().with(EXPOSURE, (3, 2047, 4), 3);
-    fine(write_exposure(&table, &settings(1000.0, 0.0), &source(None, None)));
-    assert_eq!(table.value(EXPOSURE), 11, "3, 7, 11: 1100 us is nearest");
+    let message = refusal(write_exposure(&table, &settings(1000.0, 0.0), &source(None, None)));
+    assert!(message.contains("the nearest exposure_us are 700 and 1100"), "{message}");
+    fine(write_exposure(&table, &settings(1100.0, 0.0), &source(None, None)));
+    assert_eq!(table.value(EXPOSURE), 11);
 }
 
 #[test]
@@ -215,4 +277,28 @@ fn gain_in_decibels_needs_their_step() {
     );
     let message = refusal(write_gain(&Table::default(), &settings, &with_step));
     assert!(message.contains("no control of it"), "{message}");
+}
+
+#[test]
+fn a_gain_between_two_steps_is_refused_with_both() {
+    let table = Table::default().with(V4L2_CID_GAIN, (0, 16, 2), 0);
+    let coarse = source(Some(3.0), None);
+    let message = refusal(write_gain(&table, &settings(1000.0, 4.0), &coarse));
+    assert!(message.contains("0 to 48 in steps of 6; the nearest gain_db are 0 and 6"), "{message}");
+    fine(write_gain(&table, &settings(1000.0, 6.0), &coarse));
+    assert_eq!(table.value(V4L2_CID_GAIN), 2);
+}
+
+#[test]
+fn ranges_that_make_no_sense_stop_nothing() {
+    for range in [(i64::MIN, i64::MAX, 1), (i64::MAX, i64::MIN, i64::MAX), (5, 1, 1)] {
+        let table = Table::default().with(EXPOSURE, range, 1).with(V4L2_CID_GAIN, range, i64::MIN).with(
+            V4L2_CID_BACKLIGHT_COMPENSATION,
+            range,
+            1,
+        );
+        let (settings, source) = (settings(1000.0, 6.0), source(Some(0.1), None));
+        let _ = (automatics_off(&table), write_exposure(&table, &settings, &source));
+        let _ = (write_gain(&table, &settings, &source), read_gain(&table, &settings, &source));
+    }
 }
