@@ -22,7 +22,9 @@ const LOST_PER_STOP: u64 = STOPPED_S * 60 - 20;
 fn consumers_that_stop_and_die_cost_the_others_nothing() {
     let seconds: u64 = std::env::var("UVCAM_SOAK_S").map_or(20, |text| text.parse().unwrap());
     let stage = Stage::new(&CAMERAS.map(|name| simulated(name, "{camera}.png", "")).concat());
-    CAMERAS.map(|name| stage.write_mask(&format!("{name}.png"), (752, 480), 60));
+    for name in CAMERAS {
+        stage.write_mask(&format!("{name}.png"), (752, 480), 60);
+    }
     let mask_file = stage.file("left.png").to_string_lossy().into_owned();
     let consumers = || CAMERAS.map(|camera| stage.watch(&[camera, "--mask", &mask_file]));
     let (steady, also_steady, stopping, mut dying) = (consumers(), consumers(), consumers(), consumers());
