@@ -1,5 +1,6 @@
 //! A question to a running driver, and what it sets going; an answer, as a command reads it.
 #![no_main]
+#![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
 

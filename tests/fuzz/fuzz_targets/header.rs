@@ -1,5 +1,6 @@
 //! Headers of frames and records of health, as a consumer finds them in shared memory that somebody else wrote.
 #![no_main]
+#![allow(clippy::unwrap_used)]
 
 use libfuzzer_sys::fuzz_target;
 use uvcam_fuzz::health;

@@ -1,5 +1,6 @@
 //! A PNG file, read as a mask, as a picture, and for its texts.
 #![no_main]
+#![allow(clippy::unwrap_used)]
 
 use libfuzzer_sys::{fuzz_mutator, fuzz_target, fuzzer_mutate};
 use uvcam_fuzz::{MemoryFile, chunks, message};
