@@ -12,10 +12,17 @@ GSTREAMER_PACKAGES := gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-
 ROS_PACKAGES := libroscpp-dev libsensor-msgs-dev python3-rosmaster
 DEB_TEST_PACKAGES := mmdebstrap systemd-container
 
+# Instrumented without a sanitizer, which the stable toolchain can do; built to be built fast.
+CARGO_FUZZ := CARGO_PROFILE_RELEASE_LTO=off CARGO_PROFILE_RELEASE_OPT_LEVEL=1 cargo fuzz
+FUZZ_BUILD := --sanitizer none --codegen-units 16 --fuzz-dir tests/fuzz --target-dir target/fuzz
+
 # Where `make install` puts what, and what it takes.
 PREFIX ?= /usr/local
 DESTDIR ?=
 BINARY ?= $(or $(CARGO_TARGET_DIR),target)/release/uvcam
+
+# What `make fuzz` runs.
+FUZZ ?= png config header control clock
 
 # Where `make lab` keeps its kernel.
 LAB := target/lab
@@ -45,6 +52,20 @@ $(LAB)/kernel:
 	dpkg -x $(LAB)/package/*.deb $@.part
 	busybox depmod -b $@.part $$(ls $@.part/lib/modules)
 	mv $@.part $@
+
+.PHONY: fuzz
+fuzz: $(FUZZ:%=fuzz-%) ## Fuzz what comes from outside; FUZZ_S=20 is twenty seconds a target, RUNS=10000000 that many inputs, FUZZ=png one of them
+
+.PHONY: fuzz-build
+fuzz-build: packages
+	@command -v cargo-fuzz >/dev/null || cargo install cargo-fuzz --locked --quiet
+	$(CARGO_FUZZ) build $(FUZZ_BUILD)
+	target/fuzz/*/release/seeds tests/fuzz/corpus
+
+fuzz-%: fuzz-build
+	$(CARGO_FUZZ) run $(FUZZ_BUILD) $* -- $(addprefix -dict=,$(wildcard tests/fuzz/dictionaries/$*.dict)) \
+		$(if $(RUNS),-runs=$(RUNS),-max_total_time=$(or $(FUZZ_S),60)) \
+		-max_len=4096 -rss_limit_mb=512 -timeout=30 -verbosity=0 -print_final_stats=1
 
 .PHONY: bench
 bench: packages bench-packages ## Compare the driver with other ways to carry frames; BENCH='--rounds 1 --seconds 2' is quick
