@@ -9,7 +9,7 @@ mod picture;
 mod whole;
 
 use std::fs::{self, File, Permissions};
-use std::io::{self, Write};
+use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::{MetadataExt, PermissionsExt, fchown};
 use std::path::{Path, PathBuf};
 
@@ -146,12 +146,12 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Bits that the samples use where they have 16 and 12 suffice, as recorders write frames of 12 bits. `None` where the frame
-    /// has 8 bits, uses more, or is all black. One frame may be that dark; where all of a set are, they were not scaled:
-    /// [`FrameError::Unscaled`].
+    /// Bits that the samples use where they have 16 and 12 suffice, as recorders write frames of 12 bits; 0 for a black frame. `None`
+    /// where the frame has 8 bits, or uses more. One frame may be that dark; where all of a set are, and not all black, they were not
+    /// scaled: [`FrameError::Unscaled`].
     #[must_use]
     pub fn unscaled_bits(&self) -> Option<u32> {
-        let largest = self.largest_of_16_bits.filter(|largest| (1..SCALED).contains(largest))?;
+        let largest = self.largest_of_16_bits.filter(|largest| *largest < SCALED)?;
         Some(u16::BITS - largest.leading_zeros())
     }
 }
@@ -373,7 +373,8 @@ fn replace(path: &Path, content: &[u8]) -> io::Result<()> {
     directory.sync_all()
 }
 
-/// Gives what root made to the owner of what it stands for or in: otherwise root's help would lock the owner out.
+/// Gives what root made to the owner of what it stands for or in, where the system knows that owner and lets root do so: otherwise
+/// root's help would lock the owner out.
 ///
 /// # Errors
 /// What the system says.
@@ -382,5 +383,9 @@ pub fn give(made: &File, to: &fs::Metadata) -> io::Result<()> {
     if made_by.uid() != 0 || (made_by.uid(), made_by.gid()) == (to.uid(), to.gid()) {
         return Ok(());
     }
-    fchown(made, Some(to.uid()), Some(to.gid()))
+    match fchown(made, Some(to.uid()), Some(to.gid())) {
+        // A namespace without that owner; a root without that capability.
+        Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::PermissionDenied) => Ok(()),
+        given => given,
+    }
 }
