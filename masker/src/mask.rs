@@ -186,14 +186,22 @@ impl Mask {
             Some((x, y, Luma([value]))) => {
                 Err(MaskError::NotBinary { grey_px: grey_px(gray), x, y, value: *value })
             }
-            None => match runs(gray, KEEP) {
-                runs if runs > MAX_RUNS => Err(MaskError::TooManyRuns { runs }),
-                _ => Ok(Self::binarised(gray, KEEP)),
-            },
+            None => Self::try_binarised(gray, KEEP),
         }
     }
 
-    /// Mask of any image: pixels of at least `threshold` are kept, the others masked.
+    /// Mask of an image from outside: pixels of at least `threshold` are kept, the others masked.
+    ///
+    /// # Errors
+    /// [`MaskError::TooManyRuns`] beyond [`MAX_RUNS`].
+    pub fn try_binarised(gray: &GrayImage, threshold: u8) -> Result<Self, MaskError> {
+        match runs(gray, threshold) {
+            runs if runs > MAX_RUNS => Err(MaskError::TooManyRuns { runs }),
+            _ => Ok(Self::binarised(gray, threshold)),
+        }
+    }
+
+    /// Mask of any image, however ragged: pixels of at least `threshold` are kept, the others masked.
     #[must_use]
     pub fn binarised(gray: &GrayImage, threshold: u8) -> Self {
         let (width, height) = gray.dimensions();

@@ -165,6 +165,7 @@ fn a_ragged_mask_is_refused_before_it_is_taken_apart() {
     let message =
         "1126400 runs of masked pixels, more than 1048576; no airframe is so ragged: draw it in plain shapes";
     assert_eq!(refusal.to_string(), message);
+    assert_eq!(Mask::try_binarised(&ragged, 128), Err(refusal));
     let report = check(&ragged, None);
     assert_eq!(report.problems, [Problem::TooManyRuns { runs }]);
     assert_eq!((report.problems[0].to_string().as_str(), report.can_fly()), (message, false));

@@ -8,7 +8,7 @@ use image::{GrayImage, ImageBuffer, Luma, Rgba, RgbaImage};
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::process::Signal;
 use uvcam_masker::{Mask, file};
-use uvcam_tests::{Stage, next_frame, simulated, stderr, wait_until};
+use uvcam_tests::{Stage, health_where, next_frame, simulated, stderr, wait_until};
 
 /// Writes a file.
 type Write = fn(&Path);
@@ -91,8 +91,11 @@ fn a_transparent_mask_is_refused_by_everything_that_reads_masks() {
         assert!(!stage.file("out.png").exists(), "{words:?}");
     }
     let generated = stage.output(&["generate", "--from", &left, "--out", &out]);
-    assert!(stderr(&generated).contains("7000 transparent pixels"), "{}", stderr(&generated));
-    assert!(!generated.status.success() && !stage.file("out.png").exists());
+    assert_refused(&generated, "frame refused: ");
+    assert_refused(&generated, "7000 transparent pixels");
+    let missing = stage.output(&["generate", "--from", &picture, &path("missing.png"), "--out", &out]);
+    assert_eq!(missing.status.code(), Some(2), "{}", stderr(&missing));
+    assert!(!stage.file("out.png").exists());
 }
 
 #[test]
@@ -127,7 +130,11 @@ fn no_file_in_place_of_a_mask_costs_a_frame_and_a_good_one_flies_again() {
             next_frame(&mut left).header().mask_id == good.id().0
         });
     }
-    assert_eq!((left.lost(), right.lost(), left.epochs(), right.epochs()), (0, 0, 1, 1));
+    // What a busy machine keeps from this consumer is not lost by the driver.
+    for camera in ["left", "right"] {
+        let health = health_where("a record", &mut stage.health(camera), |_| true);
+        assert_eq!((health.lost, health.no_free_slot, health.epochs), (0, 0, 1), "{camera}");
+    }
     let output = driver.stop();
     assert!(output.status.success(), "{}", stderr(&output));
     for (_, expected) in wrong {
@@ -215,7 +222,7 @@ fn parameters_beyond_their_ranges_are_refused_before_a_camera_is_troubled() {
     for _ in 0..60 {
         next_frame(&mut left);
     }
-    assert_eq!((left.epochs(), left.lost()), (1, 0));
+    assert_eq!(left.epochs(), 1);
     assert!(driver.stop().status.success());
 
     let stage = Stage::new(&(simulated("left", "left.png", "") + "[camera.generate]\nkappa = 301\n"));
@@ -247,8 +254,7 @@ fn frames_of_twelve_bits_in_sixteen_are_named() {
     let [dark, lit] = names.map(|name| name.to_string_lossy().into_owned());
     let out = stage.file("mask.png").to_string_lossy().into_owned();
     let output = stage.output(&["generate", "--from", &dark, &lit, "--out", &out]);
-    let said = stderr(&output);
-    assert!(said.contains("these pictures use 12 of 16 bits; scale them"), "{said}");
-    assert!(!output.status.success() && !stage.file("mask.png").exists());
+    assert_refused(&output, "these pictures use 12 of 16 bits; scale them");
+    assert!(!stage.file("mask.png").exists());
     assert_eq!(file::read_frame(Path::new(&lit)).unwrap().unscaled_bits(), Some(12));
 }

@@ -80,15 +80,14 @@ fn from_files(arguments: &args::Generate, out: &Path) -> Result<Report, Error> {
     // Bits that the brightest of them uses, as long as all seem to be unscaled.
     let mut unscaled = Some(0);
     for file in &arguments.from {
-        let frame = read_frame(file)?;
+        let frame = read_frame(file).map_err(Error::Frame)?;
         unscaled = unscaled.zip(frame.unscaled_bits()).map(|(before, bits)| bits.max(before));
         // Pictures are few and chosen: all are taken, settled or not.
         generator.add(frame.gray)?;
     }
     if let Some((used_bits, path)) = unscaled.filter(|bits| *bits > 0).zip(arguments.from.first()) {
-        return Err(
-            FileError::NotAFrame { path: path.clone(), source: FrameError::Unscaled { used_bits } }.into()
-        );
+        let source = FrameError::Unscaled { used_bits };
+        return Err(Error::Frame(FileError::NotAFrame { path: path.clone(), source }));
     }
     let generated = generator.finish(arguments.wish.exposure_us)?;
     let mut report = generated.report();

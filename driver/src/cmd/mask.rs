@@ -143,10 +143,10 @@ fn apply(arguments: &args::MaskApply) -> Result<Exit, Error> {
 fn repair(arguments: &args::MaskRepair) -> Result<Exit, Error> {
     let picture = file::read_mask(&arguments.input, None).map_err(Error::MaskFile)?;
     let mask = match arguments.threshold {
-        Some(threshold) => Mask::binarised(&picture, threshold),
-        None => Mask::from_gray(&picture)
-            .map_err(|error| Error::Mask(format!("{}: {error}", arguments.input.display())))?,
+        Some(threshold) => Mask::try_binarised(&picture, threshold),
+        None => Mask::from_gray(&picture),
     };
+    let mask = mask.map_err(|error| Error::Mask(format!("{}: {error}", arguments.input.display())))?;
     let repaired = check::fill_islets(&mask, ISLET_PX);
     repaired.save(&arguments.output, &[])?;
     tracing::info!(
