@@ -28,6 +28,9 @@ pub enum Error {
     /// A mask cannot be read.
     #[error("mask refused")]
     MaskFile(#[source] FileError),
+    /// A frame of a file cannot be used.
+    #[error("frame refused")]
+    Frame(#[source] FileError),
     /// A picture cannot be read or written.
     #[error(transparent)]
     Picture(#[from] FileError),
@@ -85,6 +88,8 @@ impl Error {
             | Error::Picture(_)
             | Error::System { .. } => Exit::Usage,
             Error::Ipc(IpcError::CameraName(_) | IpcError::Setting { .. }) => Exit::Usage,
+            Error::Frame(FileError::NotAFrame { .. }) => Exit::Refused,
+            Error::Frame(_) => Exit::Usage,
             Error::Mask(_)
             | Error::MaskFile(_)
             | Error::Apply(_)

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
-use uvcam_masker::file::read_gray;
+use uvcam_masker::file::{FileError, FrameError, read_frame};
 use uvcam_shm_ipc::control::{Answer, ControlClient};
 
 use crate::args;
@@ -50,10 +50,14 @@ pub(super) fn execute(
     let mut reports = Vec::new();
     let mut exit = Exit::Done;
     for camera in cameras {
-        let report = match ControlClient::open(&config.ipc.settings, &camera.name) {
+        let driver = arguments
+            .wish
+            .check(&camera.generate)
+            .and_then(|()| Ok(ControlClient::open(&config.ipc.settings, &camera.name)?));
+        let report = match driver {
             Ok(Some(driver)) => ask_driver(&driver, camera, arguments, &stop),
             Ok(None) => alone(camera, &config, arguments, &stop),
-            Err(error) => Err(error.into()),
+            Err(error) => Err(error),
         };
         match report {
             Ok(report) => reports.push((camera.name.as_str(), report)),
@@ -70,10 +74,20 @@ pub(super) fn execute(
 }
 
 fn from_files(arguments: &args::Generate, out: &Path) -> Result<Report, Error> {
-    let mut generator = Generator::new(arguments.wish.clone(), &config::Generate::default());
+    let configured = config::Generate::default();
+    arguments.wish.check(&configured)?;
+    let mut generator = Generator::new(arguments.wish.clone(), &configured);
+    // Bits that the brightest of them uses, as long as all seem to be unscaled.
+    let mut unscaled = Some(0);
     for file in &arguments.from {
+        let frame = read_frame(file).map_err(Error::Frame)?;
+        unscaled = unscaled.zip(frame.unscaled_bits()).map(|(before, bits)| bits.max(before));
         // Pictures are few and chosen: all are taken, settled or not.
-        generator.add(read_gray(file)?)?;
+        generator.add(frame.gray)?;
+    }
+    if let Some((used_bits, path)) = unscaled.filter(|bits| *bits > 0).zip(arguments.from.first()) {
+        let source = FrameError::Unscaled { used_bits };
+        return Err(Error::Frame(FileError::NotAFrame { path: path.clone(), source }));
     }
     let generated = generator.finish(arguments.wish.exposure_us)?;
     let mut report = generated.report();
