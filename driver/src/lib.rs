@@ -19,6 +19,7 @@ pub mod generate;
 pub mod generator;
 pub mod health;
 pub mod latency;
+pub mod log;
 pub mod mask;
 pub mod mask_store;
 pub mod realtime;
