@@ -1,7 +1,7 @@
 //! The running driver: a thread for each camera, a worker for its files, and a main thread that waits for nothing but events.
 //!
 //! The main thread hears signals, the cameras' threads, workers, questions of commands, and the clock. It computes nothing and reads no
-//! file that a person names: what takes long, or may never return, is a [`Worker`](worker::Worker)'s.
+//! file that a person names: what takes long, or may never return, is a worker's.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -2,13 +2,15 @@
 
 #![allow(clippy::unwrap_used)]
 
+use rustix::process::Signal;
 use serde_json::Value;
 use uvcam::camera::simulated::airframe;
 use uvcam_masker::{Mask, file};
 use uvcam_shm_ipc::control::{Answer, ControlClient, LONGEST_TEXT};
+use uvcam_shm_ipc::health::State;
 use uvcam_tests::emulated::EmulatedCamera;
 use uvcam_tests::network::in_namespace;
-use uvcam_tests::{Process, Stage, next_frame, simulated, stderr, wait_until};
+use uvcam_tests::{Process, Stage, health_where, next_frame, simulated, stderr, wait_until};
 
 /// Where the simulated markers are.
 const IGNORE: &str = "[camera.generate]\nignore = [\"::0:240\"]\n";
@@ -200,6 +202,36 @@ fn an_order_that_a_panic_took_is_answered_and_the_next_one_done() {
     assert!(output.status.success(), "{}", stderr(&output));
     let mask = Mask::load(&stage.file("left.png")).unwrap();
     assert_eq!(next_frame(&mut stage.subscriber("left")).header().mask_id, mask.id().0);
+}
+
+#[test]
+fn a_mask_that_is_being_generated_is_waited_for_and_a_signal_ends_the_command_that_asked() {
+    let stage = Stage::new(&left());
+    stage.write_mask("left.png", (752, 480), 10);
+    let driver = stage.driver();
+    let mut health = stage.health("left");
+    health_where("it streams", &mut health, |health| health.state() == Ok(State::Streaming));
+    // Darkness takes all the frames that it may.
+    let words = ["generate", "left", "--exposure-us", "10", "--frames", "255"];
+    let first = Process::start(&mut stage.uvcam(&words));
+    health_where("it generates", &mut health, |health| health.state() == Ok(State::Generating));
+    let second = stage.output(&["generate", "left"]);
+    assert_eq!(second.status.code(), Some(7), "{}", stderr(&second));
+    assert!(
+        stderr(&second).contains("mask of camera left is being generated: wait for it"),
+        "{}",
+        stderr(&second)
+    );
+    first.signal(Signal::INT);
+    let first = first.finish();
+    assert_eq!(first.status.code(), Some(7), "{}", stderr(&first));
+    assert!(stderr(&first).contains("stopped; nothing was stored"), "{}", stderr(&first));
+    health_where("it streams again", &mut health, |health| health.state() == Ok(State::Streaming));
+    // The driver may still be about to see that nobody waits.
+    wait_until("the next mask", || stage.output(&["generate", "left", "--replace"]).status.success());
+    let said = stderr(&driver.stop());
+    assert!(said.contains("left: nobody waits for the mask any more; nothing was stored"), "{said}");
+    assert_eq!(said.matches("left: streaming").count(), 3, "each time it streams again: {said}");
 }
 
 /// What the driver of `left` answers to this question, and its exit code for it.

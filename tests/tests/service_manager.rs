@@ -116,7 +116,9 @@ fn a_camera_that_hangs_while_it_is_opened_does_not_keep_the_others_from_being_re
     sibling.signal(Signal::INT);
     let report = sibling.json();
     assert_eq!((report["lost"].as_u64(), report["epochs"].as_u64()), (Some(0), Some(1)), "{report}");
-    driver.signal(Signal::TERM);
+    let output = driver.stop();
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(stderr(&output).contains("left: its thread is stuck and left behind"), "{}", stderr(&output));
     manager.wait_for("STOPPING=1");
 }
 

@@ -40,6 +40,8 @@ pub(super) struct Running {
     started: Instant,
     /// When it entered its state.
     since: Instant,
+    /// Whether it did so because somebody asked for a mask.
+    is_asked: bool,
     /// CLOCK_MONOTONIC in ns, and the frames published, at the last tick.
     last_tick: (u64, u64),
     frame_rate: f64,
@@ -94,6 +96,7 @@ impl Running {
             told: Told::default(),
             started: Instant::now(),
             since: Instant::now(),
+            is_asked: false,
             last_tick: (monotonic_ns(), 0),
             frame_rate: 0.0,
         })
@@ -117,6 +120,8 @@ impl Running {
         self.health.set_state(&state);
         self.health.publish(&self.counters);
         self.since = Instant::now();
+        let is_generating = |state: &State| matches!(state, State::Generating);
+        self.is_asked = is_generating(&state) || self.state.as_ref().is_some_and(is_generating);
         self.state = Some(state);
     }
 
@@ -129,10 +134,11 @@ impl Running {
             State::Waiting(error) => with_causes(error),
             State::Refused(error) => format!("publishes nothing: {}", with_causes(error)),
         };
-        let Some(untold) = self.told.is_due(&text, Instant::now()) else { return };
+        let due = if self.is_asked { Some(0) } else { self.told.is_due(&text, Instant::now()) };
+        let Some(untold) = due else { return };
         let text = match untold {
             0 => format!("{}: {text}", self.config.name),
-            _ => format!("{}: {text} (of {untold} messages in between nothing was told)", self.config.name),
+            _ => format!("{}: {text} (not told since the last one: {untold})", self.config.name),
         };
         match state {
             State::Streaming | State::Generating => tracing::info!("{text}"),
@@ -177,7 +183,7 @@ impl Running {
             match self.told.forget() {
                 0 => {}
                 untold => tracing::info!(
-                    "{}: streaming for {} s; of {untold} messages before nothing was told",
+                    "{}: streaming for {} s (messages not told before: {untold})",
                     self.config.name,
                     STEADY.as_secs()
                 ),
