@@ -168,7 +168,8 @@ fn a_camera_that_fails_over_and_over_does_not_fill_the_log() {
     };
     for kind in ["unplug", "wrong_settings"] {
         let seen = with_faults(&faults(kind), 75);
-        assert_eq!(seen.epochs, 31, "{kind}");
+        // The driver's count: a consumer may be too slow for an epoch of two frames.
+        assert!(seen.said.contains(", 31 epochs"), "{kind}: {}", seen.said);
         let told = seen.said.lines().filter(|line| line.contains("left: ")).count();
         assert!(told <= 8, "{kind}: {told} lines\n{}", seen.said);
     }

@@ -4,11 +4,12 @@
 use std::fs::File;
 use std::io::{ErrorKind, PipeReader, Read, Write, pipe};
 use std::process::{Child, Command, Stdio};
+use std::time::Duration;
 
 use rustix::io::ioctl_fionbio;
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
-use uvcam_shm_ipc::Subscriber;
-use uvcam_tests::{Stage, binary, next_frame, simulated, stderr, wait_until};
+use uvcam_shm_ipc::health::State;
+use uvcam_tests::{Stage, binary, health_where, next_frame, simulated, stderr, wait_until};
 
 /// A camera that gives the driver something to say three times, and a sibling.
 fn cameras() -> Stage {
@@ -51,26 +52,26 @@ impl Drop for Driver {
 }
 
 /// The faulty camera comes back each time, a new mask flies, and the sibling loses nothing.
-fn assert_flies(stage: &Stage, left: &mut Subscriber, right: &mut Subscriber, read_masks: impl FnOnce()) {
-    wait_until("four epochs of the faulty camera", || {
-        while left.next().unwrap().is_some() {}
-        while right.next().unwrap().is_some() {}
-        left.epochs() == 4
+fn assert_flies(stage: &Stage, read_masks: impl FnOnce()) {
+    let sibling = stage.watch(&["right"]);
+    health_where("four epochs of the faulty camera", &mut stage.health("left"), |health| {
+        health.epochs == 4 && health.state() == Ok(State::Streaming)
     });
     let mask = stage.write_mask("left.png", (752, 480), 200);
     read_masks();
-    wait_until("the new mask flies", || {
-        while right.next().unwrap().is_some() {}
-        next_frame(left).header().mask_id == mask.id().0
-    });
-    assert_eq!((right.lost(), right.epochs()), (0, 1), "the sibling");
+    let mut left = stage.subscriber("left");
+    wait_until("the new mask flies", || next_frame(&mut left).header().mask_id == mask.id().0);
+    let right = stage.health("right").wait(Duration::from_secs(20)).unwrap().unwrap();
+    assert_eq!((right.lost, right.epochs), (0, 1), "the sibling");
+    sibling.signal(Signal::INT);
+    let report = sibling.json();
+    assert_eq!((report["lost"].as_u64(), report["epochs"].as_u64()), (Some(0), Some(1)), "{report}");
 }
 
 fn flies_with_stderr(to: impl Into<Stdio>) {
     let stage = cameras();
-    let (mut left, mut right) = (stage.subscriber("left"), stage.subscriber("right"));
     let driver = Driver::start(&stage, to);
-    assert_flies(&stage, &mut left, &mut right, || driver.signal(Signal::HUP));
+    assert_flies(&stage, || driver.signal(Signal::HUP));
     assert_eq!(driver.stop(), Some(0));
 }
 
@@ -99,15 +100,13 @@ fn full_pipe() -> (PipeReader, Stdio) {
 fn a_pipe_that_nobody_reads_holds_nobody_up_and_has_every_line_later() {
     let (mut reader, full) = full_pipe();
     let stage = cameras();
-    let (mut left, mut right) = (stage.subscriber("left"), stage.subscriber("right"));
     let driver = Driver::start(&stage, full);
-    assert_flies(&stage, &mut left, &mut right, || driver.signal(Signal::HUP));
+    assert_flies(&stage, || driver.signal(Signal::HUP));
     let text = std::thread::spawn(move || {
         let mut text = String::new();
         reader.read_to_string(&mut text).unwrap();
         text
     });
-    next_frame(&mut left);
     assert_eq!(driver.stop(), Some(0));
     let said = text.join().unwrap();
     assert!(said.contains("left: streaming") && said.contains("right: streaming"), "{said}");
@@ -127,18 +126,20 @@ fn a_driver_whose_log_nobody_reads_ends_when_it_is_asked_to() {
 #[test]
 fn a_terminal_that_goes_away_ends_no_driver() {
     let stage = cameras();
-    let (mut left, mut right) = (stage.subscriber("left"), stage.subscriber("right"));
     // script(1) of bsdutils runs the driver in a terminal of its own; exec leaves no shell in between.
     let line = format!("exec {} run --config {}", binary().display(), stage.file("uvcam.toml").display());
-    let terminal = Command::new("script").args(["--quiet", "--command", &line, "/dev/null"]).spawn();
+    let terminal = Command::new("script")
+        .args(["--quiet", "--command", &line, "/dev/null"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn();
     let mut terminal = Driver(terminal.expect("script: install the package bsdutils"));
-    next_frame(&mut right);
-    let id = stage.health("right").wait(std::time::Duration::from_secs(20)).unwrap().unwrap().process_id;
+    let id = stage.health("right").wait(Duration::from_secs(20)).unwrap().unwrap().process_id;
     let driver = Pid::from_raw(id.try_into().unwrap()).unwrap();
     terminal.0.kill().unwrap();
     terminal.0.wait().unwrap();
     // Told by the kernel that its terminal is gone, it reads the masks anew, as it is told now.
-    assert_flies(&stage, &mut left, &mut right, || kill_process(driver, Signal::HUP).unwrap());
+    assert_flies(&stage, || kill_process(driver, Signal::HUP).unwrap());
     kill_process(driver, Signal::TERM).unwrap();
     wait_until("its end", || test_kill_process(driver).is_err());
 }
