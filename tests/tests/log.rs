@@ -166,6 +166,15 @@ fn commands_whose_readers_are_gone_end_as_if_they_were_there() {
 }
 
 #[test]
+fn what_iceoryx2_says_takes_the_same_way() {
+    let stage = Stage::new(&simulated("left", "none", ""));
+    let words = ["run", "--duration", "1"];
+    let talkative = |command: &mut Command| command.env("IOX2_LOG_LEVEL", "trace").output().unwrap();
+    let said = stderr(&talkative(&mut stage.uvcam(&words)));
+    assert!(said.contains("WARN iceoryx2: ") && !said.contains("[T]"), "{said}");
+}
+
+#[test]
 fn a_thread_that_the_system_does_not_give_is_no_fault_of_the_configuration() {
     let stage = Stage::new(&simulated("left", "none", ""));
     // No address space holds a stack of this size: pthread_create(3) says EAGAIN, as where `ulimit -u` is reached.
