@@ -123,6 +123,16 @@ fn a_driver_whose_log_nobody_reads_ends_when_it_is_asked_to() {
     assert_eq!(driver.stop(), Some(0));
 }
 
+/// A driver that is no child of this process. It is killed where the test ends first.
+struct Foreign(Pid);
+
+impl Drop for Foreign {
+    fn drop(&mut self) {
+        // Where it has ended by itself there is nothing left to end.
+        let _ = kill_process(self.0, Signal::KILL);
+    }
+}
+
 #[test]
 fn a_terminal_that_goes_away_ends_no_driver() {
     let stage = cameras();
@@ -135,13 +145,13 @@ fn a_terminal_that_goes_away_ends_no_driver() {
         .spawn();
     let mut terminal = Driver(terminal.expect("script: install the package bsdutils"));
     let id = stage.health("right").wait(Duration::from_secs(20)).unwrap().unwrap().process_id;
-    let driver = Pid::from_raw(id.try_into().unwrap()).unwrap();
+    let driver = Foreign(Pid::from_raw(id.try_into().unwrap()).unwrap());
     terminal.0.kill().unwrap();
     terminal.0.wait().unwrap();
     // Told by the kernel that its terminal is gone, it reads the masks anew, as it is told now.
-    assert_flies(&stage, || kill_process(driver, Signal::HUP).unwrap());
-    kill_process(driver, Signal::TERM).unwrap();
-    wait_until("its end", || test_kill_process(driver).is_err());
+    assert_flies(&stage, || kill_process(driver.0, Signal::HUP).unwrap());
+    kill_process(driver.0, Signal::TERM).unwrap();
+    wait_until("its end", || test_kill_process(driver.0).is_err());
 }
 
 #[test]
