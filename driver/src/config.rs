@@ -225,6 +225,8 @@ pub enum FaultKind {
         /// For how long.
         seconds: f64,
     },
+    /// The camera's thread panics.
+    Panic,
 }
 
 impl Config {

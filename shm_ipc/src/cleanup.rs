@@ -9,7 +9,8 @@ use iceoryx2::config::Config;
 use iceoryx2::node::{DeadNodeView, Node, NodeDetails, NodeState, NodeView};
 use iceoryx2::prelude::CallbackProgression;
 
-use crate::service::{Ipc, quieten};
+use crate::log::quieten;
+use crate::service::Ipc;
 use crate::settings::{SHARED_MEMORY, Settings};
 
 /// Age at which a file that is not finished will never be: to finish it takes microseconds.

@@ -121,7 +121,7 @@ impl ControlServer {
         Ok(ControlServer { server, _service: service, _node: node, address })
     }
 
-    /// The next question, or `None` where there is none. Never waits.
+    /// The next question, or `None` where there is none; one beyond [`LONGEST_TEXT`] is cut. Never waits.
     ///
     /// # Errors
     /// [`IpcError::System`] where iceoryx2 fails.
@@ -130,7 +130,8 @@ impl ControlServer {
         let request = received
             .map_err(|source| self.address.failed("receiving from", "the control service", source))?;
         Ok(request.map(|request| {
-            let text = String::from_utf8_lossy(request.payload()).into_owned();
+            let payload = request.payload();
+            let text = String::from_utf8_lossy(payload.get(..LONGEST_TEXT).unwrap_or(payload)).into_owned();
             Question { text, request }
         }))
     }

@@ -1,7 +1,6 @@
 //! The two services of a camera: their names, how they are made, found and cleaned up.
 
 use std::path::{Path, PathBuf};
-use std::sync::Once;
 use std::time::Duration;
 
 use iceoryx2::config::Config;
@@ -16,6 +15,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use crate::cleanup::half_made;
 use crate::error::IpcError;
 use crate::header::{CONTRACT_VERSION, FrameHeader};
+use crate::log::quieten;
 use crate::settings::{SHARED_MEMORY, Settings, is_name};
 
 /// Ports behind a mutex, so that slots and frames may go from thread to thread; 0.2 us a call over `ipc` where the cache is warm.
@@ -233,11 +233,4 @@ impl Address {
             _ => self.failed("opening service", self.wake.as_str(), source),
         }
     }
-}
-
-/// iceoryx2 writes to stderr, also from a thread that flies, and panics where that fails; here, what matters comes back as an error.
-/// `IOX2_LOG_LEVEL` brings it back.
-pub(crate) fn quieten() {
-    static ONCE: Once = Once::new();
-    ONCE.call_once(|| set_log_level_from_env_or(LogLevel::Fatal));
 }

@@ -16,7 +16,7 @@ use crate::config::{self, CameraConfig, Config};
 use crate::control::{Ask, Reply};
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
-use crate::generate::{Light, Order};
+use crate::generate::{Light, Order, light};
 use crate::generator::{Generator, Report, store_of};
 use crate::supervise::Supervisor;
 
@@ -136,7 +136,7 @@ fn ask_driver(
             }
         }
     }
-    Err(Error::Usage("stopped; nothing was stored".into()))
+    Err(Error::Stopped)
 }
 
 /// No driver runs: the camera is opened here.
@@ -149,9 +149,10 @@ fn alone(
     store_of(camera)?;
     let (done, result) = channel();
     let wish = arguments.wish.clone();
+    let (exposure_us, gain_db) = light(&wish, &camera.generate)?;
     let order = Order {
-        exposure_us: wish.exposure_us.unwrap_or(camera.generate.exposure_us),
-        gain_db: wish.gain_db.unwrap_or(camera.generate.gain_db),
+        exposure_us,
+        gain_db,
         generator: Generator::new(wish, &camera.generate),
         progress: Box::new({
             let bar = report::Bar::new(&camera.name);
@@ -163,10 +164,10 @@ fn alone(
     tracing::info!("{}: no driver runs, opening the camera", camera.name);
     Supervisor::fulfil_alone(camera, &config.ipc, Arc::default(), order);
     let (generator, light): (Generator, Result<Light, Error>) =
-        result.recv().map_err(|_| Error::Usage("the camera gave no answer".into()))?;
+        result.recv().map_err(|_| Error::Busy("the camera gave no answer".into()))?;
     let light = light?;
     if stop.load(Ordering::Relaxed) {
-        return Err(Error::Usage("stopped; nothing was stored".into()));
+        return Err(Error::Stopped);
     }
     let generated = generator.finish(Some(light.applied.exposure_us))?;
     generated.store(camera, light.provenance(), arguments.accept)
