@@ -14,8 +14,11 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 
 use crate::cleanup::half_made;
 use crate::error::IpcError;
+use crate::footing::Footing;
 use crate::header::{CONTRACT_VERSION, FrameHeader};
-use crate::settings::{SHARED_MEMORY, Settings, is_name};
+use crate::premises;
+use crate::resident;
+use crate::settings::{SHARED_MEMORY, Settings, is_name, tag};
 
 /// Ports behind a mutex, so that slots and frames may go from thread to thread; 0.2 us a call over `ipc` where the cache is warm.
 pub(crate) type Ipc = ipc_threadsafe::Service;
@@ -51,17 +54,48 @@ impl Address {
         }
         let frames = ServiceName::new(&frame_service_name(camera)).map_err(|_| wrong())?;
         let wake = ServiceName::new(&wake_service_name(camera)).map_err(|_| wrong())?;
+        premises::check_owner(&config)?;
         Ok(Address { camera: camera.to_owned(), config, frames, wake })
     }
 
-    /// Signs this program in.
+    /// Signs this program in, where all is there that it relies on.
     pub(crate) fn node(&self) -> Result<Node<Ipc>, IpcError> {
+        self.node_with_room_for(premises::FILES, premises::MAPPED_BYTES)
+    }
+
+    /// The same for a program that is about to open as many files and to map as much.
+    pub(crate) fn node_with_room_for(&self, files: u64, mapped_bytes: u64) -> Result<Node<Ipc>, IpcError> {
+        premises::check(&self.config, files, mapped_bytes)?;
         let builder =
             NodeBuilder::new().config(&self.config).signal_handling_mode(SignalHandlingMode::Disabled);
-        builder.create().map_err(|source| match source {
-            iceoryx2::node::NodeCreationFailure::InsufficientPermissions => self.permission(source),
+        let node = builder.create().map_err(|source| match source {
+            iceoryx2::node::NodeCreationFailure::InsufficientPermissions => self.permission(),
             _ => self.failed("signing in at", self.root_path(), source),
+        });
+        premises::close_management(&self.config);
+        node
+    }
+
+    /// Signs a consumer in; `None` where there is no `root_path`, so that no driver runs. Who only looks for one makes nothing.
+    pub(crate) fn visiting_node(&self) -> Result<Option<Node<Ipc>>, IpcError> {
+        if premises::has_root_path(&self.config) {
+            return self.node().map(Some);
+        }
+        premises::check_shared_memory()?;
+        Ok(None)
+    }
+
+    /// Takes the memory of all small files that were just made or opened, so that nobody meets their absence later.
+    pub(crate) fn take_small_files(&self) -> Result<(), IpcError> {
+        resident::make_small_files_present(self.config.global.prefix.as_str()).map_err(|source| {
+            let full = premises::check_room(0).err();
+            full.unwrap_or_else(|| self.failed("taking the memory of files in", SHARED_MEMORY, source))
         })
+    }
+
+    /// The files that others find these services, ports and nodes by.
+    pub(crate) fn footing(&self, marks: &[String]) -> Footing {
+        Footing::of(&self.config, marks)
     }
 
     /// The driver's side: makes the services, or opens them where consumers hold them from before.
@@ -155,15 +189,16 @@ impl Address {
 
     /// The page of the camera's wake word.
     pub(crate) fn wake_word(&self) -> PathBuf {
-        Path::new(SHARED_MEMORY).join(format!("{}{}.wake", self.config.global.prefix, self.camera))
+        let tag = tag(Path::new(self.root_path()));
+        Path::new(SHARED_MEMORY).join(format!("{}{}.{tag}.wake", self.config.global.prefix, self.camera))
     }
 
     fn root_path(&self) -> &str {
         self.config.global.root_path().as_str()
     }
 
-    fn permission(&self, source: impl std::error::Error + Send + Sync + 'static) -> IpcError {
-        IpcError::Permission { root_path: self.root_path().into(), source: Box::new(source) }
+    fn permission(&self) -> IpcError {
+        premises::no_access(&self.config)
     }
 
     fn incompatible(
@@ -178,7 +213,7 @@ impl Address {
         use PublishSubscribeOpenOrCreateError::{PublishSubscribeCreateError, PublishSubscribeOpenError};
         match source {
             PublishSubscribeOpenError(open) => self.frames_not_opened(open),
-            PublishSubscribeCreateError(CreateFrames::InsufficientPermissions) => self.permission(source),
+            PublishSubscribeCreateError(CreateFrames::InsufficientPermissions) => self.permission(),
             _ => self.failed("creating service", self.frames.as_str(), source),
         }
     }
@@ -193,7 +228,7 @@ impl Address {
     fn frames_not_opened(&self, source: OpenFrames) -> IpcError {
         use OpenFrames::*;
         match source {
-            InsufficientPermissions => self.permission(source),
+            InsufficientPermissions => self.permission(),
             ExceedsMaxNumberOfNodes => IpcError::TooManyConsumers(self.frames.as_str().to_owned()),
             IncompatibleTypes
             | IncompatibleMessagingPattern
@@ -213,7 +248,7 @@ impl Address {
     fn wake_not_opened(&self, source: OpenWake) -> IpcError {
         use OpenWake::*;
         match source {
-            InsufficientPermissions => self.permission(source),
+            InsufficientPermissions => self.permission(),
             ExceedsMaxNumberOfNodes => IpcError::TooManyConsumers(self.wake.as_str().to_owned()),
             IncompatibleMessagingPattern
             | VersionMismatch

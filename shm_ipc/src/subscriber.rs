@@ -18,6 +18,7 @@ use crate::continuity::{Continuity, Step};
 use crate::error::IpcError;
 use crate::header::FrameHeader;
 use crate::prediction::Prediction;
+use crate::premises;
 use crate::service::{Address, Ipc};
 use crate::settings::Settings;
 use crate::wakeup::Wakeup;
@@ -63,6 +64,7 @@ impl Subscriber {
     /// many consumers as it can have.
     pub fn open(settings: &Settings, camera: &str) -> Result<Subscriber, IpcError> {
         let address = Address::new(settings, camera)?;
+        premises::check_shared_memory()?;
         // Consumers that were killed give their places to this one.
         cleanup(&address.config);
         let mut subscriber = Subscriber {
@@ -264,8 +266,9 @@ impl Subscriber {
                     self.link = link;
                     self.failing_since_ns = None;
                 }
-                Err(IpcError::System { .. })
-                    if until(now_ns, *self.failing_since_ns.get_or_insert(now_ns)) < TOLERANCE => {}
+                Err(error)
+                    if error.may_pass()
+                        && until(now_ns, *self.failing_since_ns.get_or_insert(now_ns)) < TOLERANCE => {}
                 Err(error) => return Err(error),
             },
         }
@@ -276,11 +279,10 @@ impl Subscriber {
     }
 
     fn connect(&mut self) -> Result<Option<Link>, IpcError> {
-        let node = match &self.node {
-            Some(node) => node,
-            None => self.node.insert(self.address.node()?),
-        };
-        Link::open(&self.address, node)
+        if self.node.is_none() {
+            self.node = self.address.visiting_node()?;
+        }
+        self.node.as_ref().map_or(Ok(None), |node| Link::open(&self.address, node))
     }
 }
 

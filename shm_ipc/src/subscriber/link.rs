@@ -12,8 +12,10 @@ use iceoryx2::sample::Sample;
 use super::RETRY;
 use crate::clock::{monotonic_ns, until};
 use crate::error::IpcError;
+use crate::footing::Held;
 use crate::header::FrameHeader;
 use crate::prediction::{Prediction, Watch};
+use crate::premises;
 use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::wake_word::WakeWord;
 
@@ -28,8 +30,8 @@ pub(super) struct Link {
     /// Missing where the driver is just about to make it.
     wake_word: Option<WakeWord>,
     pub(super) subscriber: Subscriber<Ipc, [u8], FrameHeader>,
-    wake: WakeService,
-    frames: FrameService,
+    wake: Held<WakeService>,
+    frames: Held<FrameService>,
 }
 
 impl Link {
@@ -40,6 +42,8 @@ impl Link {
         match subscriber.create() {
             Ok(subscriber) => {
                 let wake_word = open_wake_word(address)?;
+                address.take_small_files()?;
+                let (frames, wake) = (Held::new(frames, &address.config), Held::new(wake, &address.config));
                 Ok(Some(Link { listener: None, wake_word, subscriber, wake, frames }))
             }
             Err(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
@@ -104,7 +108,8 @@ impl Link {
     /// driver knew that somebody listens.
     pub(super) fn listen(&mut self, timeout: Duration, address: &Address) -> Result<(), IpcError> {
         let Some(listener) = &self.listener else {
-            let listener = self.wake.listener_builder().create().map_err(|source| match source {
+            let Some(wake) = self.wake.get() else { return Ok(()) };
+            let listener = wake.listener_builder().create().map_err(|source| match source {
                 ListenerCreateError::ExceedsMaxSupportedListeners => {
                     IpcError::TooManyConsumers(address.wake_name().to_owned())
                 }
@@ -124,12 +129,15 @@ impl Link {
         if matches!(self.subscriber.has_samples(), Ok(true)) {
             return false;
         }
-        self.frames.dynamic_config().number_of_publishers() == 0 || !address.leads_to(&self.frames)
+        self.frames.get().is_none_or(|frames| {
+            frames.dynamic_config().number_of_publishers() == 0 || !address.leads_to(frames)
+        })
     }
 }
 
 fn open_wake_word(address: &Address) -> Result<Option<WakeWord>, IpcError> {
     let path = address.wake_word();
+    premises::check_ours(&path)?;
     WakeWord::open(&path)
         .map_err(|source| address.failed("opening the wake word", &path.display().to_string(), source))
 }
