@@ -107,7 +107,7 @@ fn sweep(config: &Config) {
     for (file, _) in ours(config, &nodes).filter(|(_, found)| is_old(found)) {
         let own = name(&file);
         let Some((node, _)) = own.rsplit_once(suffix.as_str()) else { continue };
-        let is_whole = ["", CONTEXT].iter().all(|end| names.contains(&format!("{node}{suffix}{end}")));
+        let is_whole = ["", CONTEXT].iter().all(|end| nodes.join(format!("{node}{suffix}{end}")).exists());
         if !is_whole {
             let _ = fs::remove_file(file.path());
         }
@@ -115,7 +115,8 @@ fn sweep(config: &Config) {
     let folders = fs::read_dir(&nodes).into_iter().flatten().flatten();
     for folder in folders.filter(|folder| folder.file_type().is_ok_and(|kind| kind.is_dir())) {
         let monitor = format!("{}{suffix}", name(&folder));
-        sweep_folder(config, &folder, !names.iter().any(|name| name.contains(&monitor)));
+        let is_ours = nodes.join(format!("{}{monitor}", config.global.prefix)).exists();
+        sweep_folder(config, &folder, !is_ours && !names.iter().any(|name| name.contains(&monitor)));
     }
 }
 

@@ -110,6 +110,7 @@ impl ControlServer {
         // A predecessor that was killed gives its place to this one.
         cleanup(&address.config);
         let node = address.node_with_room_for(premises::FILES + CLIENTS as u64, MAPPED_BYTES)?;
+        address.clear_description(&name, MessagingPattern::RequestResponse);
         let service = builder(&node, &name)
             .max_servers(1)
             .max_clients(CLIENTS)

@@ -37,6 +37,11 @@ pub(crate) fn check_owner(config: &Config) -> Result<(), IpcError> {
     let root_path = Path::new(config.global.root_path().as_str());
     match fs::metadata(root_path) {
         Ok(found) if is_foreign(&found) => Err(not_ours(root_path, &found)),
+        // It lies in a folder that is closed to this user.
+        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
+            let closed = root_path.ancestors().find_map(|folder| fs::metadata(folder).ok());
+            closed.map_or(Ok(()), |found| Err(not_ours(root_path, &found)))
+        }
         _ => Ok(()),
     }
 }
@@ -161,8 +166,13 @@ fn unwritable(folder: &Path, cause: io::Error) -> IpcError {
 
 fn check_open_files(need: u64) -> Result<(), IpcError> {
     let Some(limit) = getrlimit(Resource::Nofile).current else { return Ok(()) };
-    // What cannot be counted is not held against anyone.
-    let open = fs::read_dir("/proc/self/fd").map_or(0, |files| files.count() as u64);
+    let open = match fs::read_dir("/proc/self/fd") {
+        Ok(files) => files.count() as u64,
+        // To count them takes one.
+        Err(error) if error.raw_os_error() == Some(Errno::MFILE.raw_os_error()) => limit,
+        // What cannot be counted is not held against anyone.
+        Err(_) => 0,
+    };
     if limit.saturating_sub(open) < need { Err(IpcError::TooFewFiles { limit, open, need }) } else { Ok(()) }
 }
 

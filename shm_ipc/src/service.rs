@@ -1,5 +1,6 @@
 //! The two services of a camera: their names, how they are made, found and cleaned up.
 
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 
@@ -18,7 +19,7 @@ use crate::footing::Footing;
 use crate::header::{CONTRACT_VERSION, FrameHeader};
 use crate::premises;
 use crate::resident;
-use crate::settings::{SHARED_MEMORY, Settings, is_name, tag};
+use crate::settings::{SHARED_MEMORY, Settings, is_name};
 
 /// Ports behind a mutex, so that slots and frames may go from thread to thread; 0.2 us a call over `ipc` where the cache is warm.
 pub(crate) type Ipc = ipc_threadsafe::Service;
@@ -104,6 +105,8 @@ impl Address {
         node: &Node<Ipc>,
         settings: &Settings,
     ) -> Result<(FrameService, WakeService), IpcError> {
+        self.clear_description(&self.frames, MessagingPattern::PublishSubscribe);
+        self.clear_description(&self.wake, MessagingPattern::Event);
         // Room for killed programs that nobody cleaned up yet.
         let max_nodes = 2 * settings.max_subscribers + 2;
         let frames = node
@@ -167,7 +170,22 @@ impl Address {
     /// Whether `frames` is still the service that others find under this name.
     pub(crate) fn leads_to(&self, frames: &FrameService) -> bool {
         let details = Ipc::details(&self.frames, &self.config, MessagingPattern::PublishSubscribe);
-        matches!(details, Ok(Some(found)) if found.static_details.unique_service_id() == frames.unique_service_id())
+        matches!(details, Ok(Some(found)) if found.dynamic_details.is_some()
+            && found.static_details.unique_service_id() == frames.unique_service_id())
+    }
+
+    /// The driver's side: removes the description of a service whose register is gone, which can be neither opened nor made anew.
+    pub(crate) fn clear_description(&self, service: &ServiceName, pattern: MessagingPattern) {
+        if let Ok(Some(found)) = Ipc::details(service, &self.config, pattern)
+            && found.dynamic_details.is_none()
+        {
+            let global = &self.config.global;
+            let hash = found.static_details.service_hash();
+            let suffix = global.service.static_config_storage_suffix;
+            let name = format!("{}{hash}{suffix}", global.prefix);
+            // What cannot be removed fails when the service is made.
+            let _ = std::fs::remove_file(Path::new(&global.service_dir().to_string()).join(name));
+        }
     }
 
     pub(crate) fn failed(
@@ -187,10 +205,12 @@ impl Address {
         self.wake.as_str()
     }
 
-    /// The page of the camera's wake word.
+    /// The page of the camera's wake word. `root_path`, which is there when it is needed, may have several paths, in containers and by links.
     pub(crate) fn wake_word(&self) -> PathBuf {
-        let tag = tag(Path::new(self.root_path()));
-        Path::new(SHARED_MEMORY).join(format!("{}{}.{tag}.wake", self.config.global.prefix, self.camera))
+        let (device, inode) =
+            std::fs::metadata(self.root_path()).map_or((0, 0), |found| (found.dev(), found.ino()));
+        let prefix = self.config.global.prefix;
+        Path::new(SHARED_MEMORY).join(format!("{prefix}{}.{device:x}-{inode:x}.wake", self.camera))
     }
 
     fn root_path(&self) -> &str {

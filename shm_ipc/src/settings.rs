@@ -140,7 +140,7 @@ pub(crate) fn shared_memory_needed(slots: usize, frame_bytes: usize) -> u64 {
 }
 
 /// What stands for a `root_path` in the name of a file in `/dev/shm`: 16 digits, the FNV-1a hash of its path without links and detours.
-pub(crate) fn tag(root_path: &std::path::Path) -> String {
+fn tag(root_path: &std::path::Path) -> String {
     let path = std::fs::canonicalize(root_path).unwrap_or_else(|_| root_path.components().collect());
     let fold = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
     let hash = path.as_os_str().as_encoded_bytes().iter().fold(0xcbf2_9ce4_8422_2325, fold);

@@ -1,8 +1,7 @@
 //! The wake word: how a driver wakes consumers that only wait for a frame, in about half of the time that an event takes.
 //!
-//! One page of shared memory for each camera, `/dev/shm/<prefix><camera>.<root_path>.wake`, which the driver makes with its publisher and
-//! removes when it stops; `<root_path>` stands for 16 hexadecimal digits, the FNV-1a hash of its bytes (64 bits, links resolved). Part of the
-//! contract, little-endian:
+//! One page of shared memory for each camera, `/dev/shm/<prefix><camera>.<device>-<inode>.wake`, which the driver makes with its publisher
+//! and removes when it stops; device and inode are those of `root_path`, hexadecimal. Part of the contract, little-endian:
 //!
 //! | bytes | what |
 //! | --- | --- |

@@ -32,13 +32,12 @@ fn child() {
         "little address space" => (Resource::As, mapped_bytes() + (1 << 20)),
         unknown => panic!("no role {unknown}"),
     };
-    let room = Some(room);
-    setrlimit(resource, Rlimit { current: room, maximum: room }).unwrap();
+    setrlimit(resource, Rlimit { current: Some(room), maximum: Some(room) }).unwrap();
     for error in everyone(&settings) {
         match resource {
             Resource::Nofile => {
                 assert!(matches!(error, IpcError::TooFewFiles { need: 16.., .. }), "{error:?}");
-                says(&error, &[&room.unwrap().to_string(), "ulimit -n"]);
+                says(&error, &[&room.to_string(), "ulimit -n"]);
             }
             _ => {
                 assert!(matches!(error, IpcError::AddressSpace { .. }), "{error:?}");

@@ -5,7 +5,7 @@
 mod support;
 
 use std::fs::{self, Permissions};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
@@ -80,6 +80,26 @@ fn nobody_else_may_write_to_files_in_shared_memory() {
     for file in shared(&place, "") {
         let mode = fs::metadata(&file).unwrap().permissions().mode() & 0o777;
         assert_eq!(mode, 0o600, "{}", file.display());
+    }
+}
+
+#[test]
+fn the_memory_of_small_files_and_frames_is_taken_when_they_are_made() {
+    let place = Place::new();
+    let publisher = place.publisher();
+    let _health = HealthPublisher::create(&place.settings, CAMERA).unwrap();
+    let _control = ControlServer::create(&place.settings, CAMERA).unwrap();
+    let mut subscriber = place.subscriber();
+    meet(&publisher, &mut subscriber);
+    let _client = ControlClient::open(&place.settings, CAMERA).unwrap().unwrap();
+    let _reader = HealthReader::open(&place.settings, CAMERA).unwrap().unwrap();
+    let files = shared(&place, "").into_iter().map(|file| (fs::metadata(&file).unwrap(), file));
+    // Questions and answers are long and rare: their memory is looked for when they are written.
+    let small: Vec<_> = files.filter(|(found, _)| found.len() <= 1 << 20).collect();
+    assert!(small.len() >= 10, "{small:?}");
+    for (found, file) in small {
+        // stat(2) counts blocks of 512 bytes.
+        assert!(found.blocks() * 512 >= found.len(), "{} has holes", file.display());
     }
 }
 
@@ -218,21 +238,33 @@ fn what_is_made_anew_is_found_by_those_who_were_there_and_those_who_come() {
     meet(&publisher, &mut subscriber);
     publish(&publisher, 1, 0);
     assert_pixels(&receive(&mut subscriber));
-    // As logind does when a user logs out, and as cleaners of temporary files do.
-    shared(&place, "").iter().for_each(|file| fs::remove_file(file).unwrap());
-    fs::remove_dir_all(&place.settings.root_path).unwrap();
-    drop((publisher, health, control));
-    let publisher = place.publisher();
-    let health = HealthPublisher::create_at_once(&place.settings, CAMERA).unwrap();
-    let _control = ControlServer::create_at_once(&place.settings, CAMERA).unwrap();
-    meet(&publisher, &mut subscriber);
-    publish(&publisher, 2, 0);
-    assert!(receive(&mut subscriber).epoch_changed());
-    health.publish(&Health::new()).unwrap();
-    let mut reader = HealthReader::open(&place.settings, CAMERA).unwrap().unwrap();
-    health.serve_newcomers().unwrap();
-    assert!(reader.wait(PATIENCE).unwrap().is_some());
-    assert!(ControlClient::open(&place.settings, CAMERA).unwrap().is_some());
+    let mut ends = (publisher, health, control);
+    for epoch in 2..6 {
+        // As logind does when a user logs out, and every second time as cleaners of temporary files do.
+        shared(&place, "").iter().for_each(|file| fs::remove_file(file).unwrap());
+        if epoch % 2 == 0 {
+            fs::remove_dir_all(&place.settings.root_path).unwrap();
+        }
+        drop(ends);
+        ends = (
+            place.publisher(),
+            HealthPublisher::create_at_once(&place.settings, CAMERA).unwrap(),
+            ControlServer::create_at_once(&place.settings, CAMERA).unwrap(),
+        );
+        let (publisher, health, control) = &ends;
+        meet(publisher, &mut subscriber);
+        publish(publisher, epoch, 0);
+        assert!(receive(&mut subscriber).epoch_changed());
+        health.publish(&Health::new()).unwrap();
+        let mut reader = HealthReader::open(&place.settings, CAMERA).unwrap().unwrap();
+        health.serve_newcomers().unwrap();
+        assert!(reader.wait(PATIENCE).unwrap().is_some());
+        assert!(ControlClient::open(&place.settings, CAMERA).unwrap().is_some());
+        // Who let go of what was before has not removed what came after.
+        assert!(
+            [publisher.footing(), health.footing(), control.footing()].iter().all(|one| one.is_in_place())
+        );
+    }
 }
 
 #[test]

@@ -80,6 +80,7 @@ impl HealthPublisher {
         // A predecessor that was killed gives its place to this one.
         cleanup(&address.config);
         let node = address.node_with_room_for(premises::FILES + READERS as u64, premises::MAPPED_BYTES)?;
+        address.clear_description(&name, MessagingPattern::PublishSubscribe);
         let service = builder(&node, &name)
             .max_publishers(1)
             .max_subscribers(READERS)

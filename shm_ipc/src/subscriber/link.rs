@@ -109,6 +109,7 @@ impl Link {
     pub(super) fn listen(&mut self, timeout: Duration, address: &Address) -> Result<(), IpcError> {
         let Some(listener) = &self.listener else {
             let Some(wake) = self.wake.get() else { return Ok(()) };
+            premises::check_room(0)?;
             let listener = wake.listener_builder().create().map_err(|source| match source {
                 ListenerCreateError::ExceedsMaxSupportedListeners => {
                     IpcError::TooManyConsumers(address.wake_name().to_owned())
@@ -116,7 +117,7 @@ impl Link {
                 _ => address.failed("listening to", address.wake_name(), source),
             })?;
             self.listener = Some(listener);
-            return Ok(());
+            return address.take_small_files();
         };
         match listener.timed_wait(|_| (), timeout) {
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
