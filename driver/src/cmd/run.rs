@@ -200,7 +200,8 @@ fn attend(
         if now >= next_tick {
             next_tick += TICK;
             uvcam_shm_ipc::cleanup_dead_nodes(&config.ipc.settings);
-            cameras.iter_mut().for_each(Running::tick);
+            cameras.iter_mut().for_each(|camera| camera.tick(config));
+            service.keep_open(config);
             show_status(cameras);
         }
         cameras.iter().for_each(|camera| camera.health.serve_newcomers());
@@ -280,13 +281,22 @@ impl Running {
     }
 
     /// Keeps the books of the second that has passed.
-    fn tick(&mut self) {
+    fn tick(&mut self, config: &Config) {
         let now = (monotonic_ns(), self.counters.published.load(Ordering::Relaxed));
         let seconds = now.0.saturating_sub(self.last_tick.0).max(1) as f64 * 1e-9;
         self.frame_rate = now.1.saturating_sub(self.last_tick.1) as f64 / seconds;
         self.last_tick = now;
         self.health.set_frame_rate(self.frame_rate);
         self.watch(now.0);
+        if self.counters.has_lost_footing() {
+            tracing::warn!(
+                "{}: files of its shared memory were removed by another program, and are made anew; see `uvcam doctor`",
+                self.config.name
+            );
+            // The thread is gone only where it panicked, which is reported at the end.
+            let _ = self.commands.send(Command::Republish);
+        }
+        self.health.keep_open(config, &self.config);
         self.health.publish(&self.counters);
     }
 

@@ -40,6 +40,13 @@ impl Service {
         Ok(Service { desk: Desk::open(config)?, works, events })
     }
 
+    /// Makes anew what clients no longer find, where nobody waits for an answer.
+    pub(super) fn keep_open(&mut self, config: &Config) {
+        for (place, _) in self.works.iter().enumerate().filter(|(_, work)| work.is_none()) {
+            self.desk.keep_open(config, place);
+        }
+    }
+
     /// Takes new questions, and gives up work that nobody waits for any more.
     pub(super) fn attend(&mut self, cameras: &[Running]) {
         for (place, question, ask) in self.desk.questions() {
