@@ -111,6 +111,18 @@ impl Demo {
     }
 }
 
+impl Drop for Demo {
+    fn drop(&mut self) {
+        // Driver and consumers have left it empty but for its folders.
+        let _ = fs::remove_dir_all(root_path());
+    }
+}
+
+/// Folder of the demonstration's service files: short, as paths of sockets are.
+fn root_path() -> PathBuf {
+    PathBuf::from(format!("/tmp/uvcam_demo_{}", std::process::id()))
+}
+
 /// The driver's process; it ends with this value.
 struct Driver(Child);
 
@@ -123,8 +135,9 @@ impl Drop for Driver {
 }
 
 fn configuration() -> String {
-    // A prefix of its own, so that a driver in flight is not disturbed.
-    let mut text = format!("[ipc]\nprefix = \"uvcam_demo_{}_\"\n", std::process::id());
+    // A prefix and a folder of its own, so that a driver in flight is not disturbed, be it another user's.
+    let mut text =
+        format!("[ipc]\nprefix = \"uvcam_demo_{}_\"\nroot_path = {:?}\n", std::process::id(), root_path());
     for (name, mask) in [("masked", "mask.png"), ("unmasked", "none")] {
         text += &format!(
             "\n[[camera]]\nname = \"{name}\"\nsource = {{ kind = \"simulated\", serial = \"DEMO\" }}\n\
