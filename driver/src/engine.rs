@@ -142,7 +142,8 @@ fn attend(
         if now >= next_tick {
             next_tick += TICK;
             uvcam_shm_ipc::cleanup_dead_nodes(&config.ipc.settings);
-            cameras.iter_mut().for_each(Running::tick);
+            cameras.iter_mut().for_each(|camera| camera.tick(config));
+            requests.keep_findable(config);
             log::show_status(&cameras.iter().map(Running::status).collect::<Vec<_>>().join(" | "));
         }
         cameras.iter().for_each(Running::serve_newcomers);

@@ -19,7 +19,7 @@ use crate::camera::{Applied, Camera, CameraError, Identity};
 use crate::config::{CameraConfig, Ipc, Source, V4l2};
 use crate::counters::{Counters, add};
 use crate::error::{Error, panic_text, with_causes};
-use crate::frame_path::{Command, FramePath, Position};
+use crate::frame_path::{Command, FramePath, Leave, Position};
 use crate::generate::Order;
 use crate::mask::{self, MaskInForce};
 
@@ -227,6 +227,8 @@ impl Supervisor {
             match self.commands.recv_timeout(PATIENCE) {
                 Ok(Command::Mask(mask)) => return Some(mask),
                 Ok(Command::Generate(order)) => self.fulfil_while_closed(*order),
+                // Looked at when the next publisher is needed.
+                Ok(Command::Republish) => {}
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return None,
             }
@@ -287,27 +289,32 @@ impl Supervisor {
                 slots: self.ipc.slots,
                 position: Position::default(),
             };
-            let order = path.run(&self.stop, || self.notify(State::Streaming(identity)));
+            let left = path.run(&self.stop, || self.notify(State::Streaming(identity)));
             self.publisher = Some(publisher);
-            match order? {
-                Some(order) => {
+            match left? {
+                Leave::Generate(order) => {
                     self.notify(State::Generating);
                     self.fulfil(camera, *order)?;
                 }
-                None => return Ok(()),
+                Leave::Republish => {}
+                Leave::Stop => return Ok(()),
             }
         }
     }
 
-    /// The publisher of this camera. Consumers stay connected to one that still fits; another one must be gone before its successor
-    /// comes.
+    /// The publisher of this camera. Consumers stay connected to one that still fits and that they find; another one must be gone before
+    /// its successor comes.
     fn publisher_for(&mut self, payload_bytes: usize) -> Result<Publisher, Error> {
-        match self.publisher.take().filter(|publisher| publisher.frame_bytes() == payload_bytes) {
-            Some(publisher) => Ok(publisher),
-            None => {
-                Ok(Publisher::create(&self.ipc.settings, &self.camera.name, payload_bytes, self.ipc.loans())?)
-            }
+        let fits = |publisher: &Publisher| {
+            publisher.frame_bytes() == payload_bytes && publisher.footing().is_in_place()
+        };
+        if let Some(publisher) = self.publisher.take().filter(fits) {
+            return Ok(publisher);
         }
+        let Ipc { settings, .. } = &self.ipc;
+        let publisher = Publisher::create(settings, &self.camera.name, payload_bytes, self.ipc.loans())?;
+        self.counters.set_footing(publisher.footing().clone());
+        Ok(publisher)
     }
 
     /// Collects lit frames, and gives the camera its flight settings back before it says so.

@@ -64,6 +64,15 @@ impl Requests {
         Ok(Requests { desk: Desk::open(config)?, works, reads, events })
     }
 
+    /// Makes anew what clients no longer find, where nobody waits for an answer.
+    pub(super) fn keep_findable(&mut self, config: &Config) {
+        for (place, (work, reads)) in self.works.iter().zip(&self.reads).enumerate() {
+            if work.is_none() && reads.is_empty() {
+                self.desk.keep_open(config, place);
+            }
+        }
+    }
+
     /// Takes new questions, and gives up work that nobody waits for any more.
     pub(super) fn attend(&mut self, cameras: &[Running]) {
         for (place, question, ask) in self.desk.questions() {

@@ -173,13 +173,14 @@ impl Running {
     }
 
     /// Keeps the books of the second that has passed.
-    pub(super) fn tick(&mut self) {
+    pub(super) fn tick(&mut self, config: &Config) {
         let now = (monotonic_ns(), self.counters.published.load(Ordering::Relaxed));
         let seconds = now.0.saturating_sub(self.last_tick.0).max(1) as f64 * 1e-9;
         self.frame_rate = now.1.saturating_sub(self.last_tick.1) as f64 / seconds;
         self.last_tick = now;
         self.health.set_frame_rate(self.frame_rate);
         self.watch(now.0);
+        self.keep_findable(config);
         self.health.publish(&self.counters);
         if matches!(self.state, Some(State::Streaming(_))) && !self.is_stuck && self.since.elapsed() >= STEADY
         {
@@ -192,6 +193,20 @@ impl Running {
                 ),
             }
         }
+    }
+
+    /// Makes anew what clients no longer find; frames at their next boundary.
+    fn keep_findable(&mut self, config: &Config) {
+        if self.counters.has_lost_footing() {
+            tracing::warn!(
+                "{}: files of its shared memory were removed by another program, and are made anew; see `uvcam doctor`",
+                self.config.name
+            );
+            if let Err(error) = self.command(Command::Republish) {
+                tracing::error!("{}: {error}", self.config.name);
+            }
+        }
+        self.health.keep_open(config, &self.config);
     }
 
     /// Gives the health record to readers that have come since.
