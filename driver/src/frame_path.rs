@@ -233,4 +233,4 @@ impl FramePath<'_> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

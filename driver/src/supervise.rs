@@ -8,14 +8,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use uvcam_shm_ipc::{Flags, FrameHeader, Publisher};
+use uvcam_shm_ipc::{FrameHeader, Publisher};
 
-use crate::camera::aravis::Finder;
-use crate::camera::replay::ReplayCamera;
-use crate::camera::simulated::Device;
-use crate::camera::v4l2::V4l2Camera;
+use crate::camera::source::{self, CameraSource};
 use crate::camera::{Applied, Camera, CameraError, Identity};
-use crate::config::{CameraConfig, Ipc, Source, V4l2};
+use crate::config::{CameraConfig, Ipc};
 use crate::counters::{Counters, add};
 use crate::error::{Error, with_causes};
 use crate::frame_path::{Command, FramePath, Position};
@@ -64,48 +61,12 @@ pub struct Notice {
     pub state: State,
 }
 
-/// Opens the device that a source names, as often as needed.
-enum Opener {
-    Aravis(Finder),
-    Replay(std::path::PathBuf),
-    Simulated(Device),
-    V4l2(V4l2),
-}
-
-impl Opener {
-    fn new(source: &Source) -> Self {
-        match source {
-            Source::Aravis { serial } => Opener::Aravis(Finder::new(serial)),
-            Source::Replay { path } => Opener::Replay(path.clone()),
-            Source::Simulated(script) => Opener::Simulated(Device::new(script.clone())),
-            Source::V4l2(source) => Opener::V4l2(source.clone()),
-        }
-    }
-
-    fn open(&mut self) -> Result<Box<dyn Camera>, CameraError> {
-        Ok(match self {
-            Opener::Aravis(finder) => Box::new(finder.open()?),
-            Opener::Replay(path) => Box::new(ReplayCamera::open(path)?),
-            Opener::Simulated(device) => Box::new(device.open()?),
-            Opener::V4l2(source) => Box::new(V4l2Camera::open(source)?),
-        })
-    }
-
-    fn flag(&self) -> Flags {
-        match self {
-            Opener::Aravis(_) | Opener::V4l2(_) => Flags::NONE,
-            Opener::Replay(_) => Flags::REPLAYED,
-            Opener::Simulated(_) => Flags::SIMULATED,
-        }
-    }
-}
-
 /// A camera's thread.
 pub struct Supervisor {
     place: usize,
     camera: CameraConfig,
     ipc: Ipc,
-    opener: Opener,
+    source: Box<dyn CameraSource>,
     /// The device that was opened first: name and mask of the configuration belong to it.
     first: Option<Identity>,
     publisher: Option<Publisher>,
@@ -127,16 +88,15 @@ impl Supervisor {
         counters: Arc<Counters>,
         stop: Arc<AtomicBool>,
     ) -> Self {
-        let opener = Opener::new(&camera.source);
-        let closing = Closing::default();
+        let source = source::of(&camera.source);
         Supervisor {
             place,
             camera,
             ipc,
-            opener,
+            source,
             first: None,
             publisher: None,
-            closing,
+            closing: Closing::default(),
             commands,
             notify,
             counters,
@@ -215,11 +175,11 @@ impl Supervisor {
 
     /// Opens the camera and publishes its frames until it fails or the driver stops.
     fn stream(&mut self, mask: &mut MaskInForce, listening: Duration) -> Result<(), Error> {
-        while !self.closing.has_room() {
-            if self.stopped() {
-                return Ok(());
-            }
+        while !self.closing.has_room() && !self.stopped() {
             self.pause(PATIENCE);
+        }
+        if self.stopped() {
+            return Ok(());
         }
         self.counters.live();
         let mut camera = self.open()?;
@@ -232,7 +192,7 @@ impl Supervisor {
 
     /// Opens the camera. A configuration may name a place (an address, a node), where another device can be by now.
     fn open(&mut self) -> Result<Box<dyn Camera>, CameraError> {
-        let camera = self.opener.open()?;
+        let camera = self.source.open()?;
         let found = camera.identity();
         let first = self.first.get_or_insert_with(|| found.clone());
         match first.is_same_device(found) {
@@ -328,7 +288,7 @@ impl Supervisor {
         header.frame_period_ns = (1e9 / applied.fps) as u64;
         header.exposure_us = applied.exposure_us;
         header.gain_db = applied.gain_db;
-        header.set_flag(self.opener.flag(), true);
+        header.set_flag(self.source.flag(), true);
         header.set_mask(mask.as_deref().map(|mask| mask.id().0));
         header
     }

@@ -1,24 +1,36 @@
 //! `uvcam list`: the cameras that can be opened.
 
 use crate::args;
-use crate::camera::{Identity, aravis, v4l2};
+use crate::camera::{Identity, source};
 use crate::error::Error;
 use crate::exit::Exit;
 
 pub(super) fn execute(arguments: &args::List) -> Result<Exit, Error> {
-    let mut cameras = aravis::list();
-    cameras.extend(v4l2::list());
+    let cameras = source::list();
     if arguments.json {
         // A list of plain texts always has a JSON form.
         super::print(&serde_json::to_string_pretty(&cameras).unwrap_or_default())?;
         return Ok(Exit::Done);
     }
     if cameras.is_empty() {
-        tracing::warn!("no camera found; check cables, power, and the rights on the device (udev rules)");
+        tracing::warn!(
+            "no camera found; check cables, power, and the rights on the device (udev rules){}",
+            without()
+        );
         return Ok(Exit::Done);
     }
     super::print(&table(&cameras))?;
     Ok(Exit::Done)
+}
+
+/// What could not be found.
+fn without() -> String {
+    let missing: Vec<&str> =
+        source::KINDS.iter().filter(|(_, is_built_in)| !is_built_in).map(|(kind, _)| *kind).collect();
+    match missing.is_empty() {
+        true => String::new(),
+        false => format!("; this uvcam was built without {}", missing.join(" and ")),
+    }
 }
 
 fn table(cameras: &[Identity]) -> String {
