@@ -6,7 +6,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use uvcam_shm_ipc::{FrameHeader, Publisher};
 
@@ -21,10 +21,12 @@ use crate::mask::{self, MaskInForce};
 
 mod back_off;
 mod closing;
+mod time;
 
 use back_off::BackOff;
 pub(crate) use closing::CLOSING;
 use closing::Closing;
+use time::{SystemTime, Time};
 
 /// How long a waiting thread takes to see that it is to stop.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -75,6 +77,7 @@ pub struct Supervisor {
     notify: Box<dyn Fn(Notice) + Send>,
     counters: Arc<Counters>,
     stop: Arc<AtomicBool>,
+    time: Box<dyn Time>,
 }
 
 impl Supervisor {
@@ -101,6 +104,7 @@ impl Supervisor {
             notify,
             counters,
             stop,
+            time: Box::new(SystemTime),
         }
     }
 
@@ -124,7 +128,7 @@ impl Supervisor {
     fn keep_streaming(&mut self, mut mask: MaskInForce) {
         let mut back_off = BackOff::default();
         while !self.stopped() {
-            let begin = Instant::now();
+            let begin = self.time.now();
             let published_before = self.counters.published.load(Ordering::Relaxed);
             let Err(error) = self.stream(&mut mask, back_off.listening()) else { return };
             let is_absent = matches!(error, Error::Camera(CameraError::Absent { .. }));
@@ -143,7 +147,7 @@ impl Supervisor {
                 }
             } else {
                 self.notify(State::Waiting(error));
-                self.pause(back_off.after_failure(begin, Instant::now()));
+                self.pause(back_off.after_failure(begin, self.time.now()));
             }
         }
     }
@@ -294,10 +298,10 @@ impl Supervisor {
     }
 
     fn pause(&self, duration: Duration) {
-        let end = Instant::now() + duration;
-        while !self.stopped() && Instant::now() < end {
+        let end = self.time.now() + duration;
+        while !self.stopped() && self.time.now() < end {
             self.counters.live();
-            std::thread::sleep(PATIENCE.min(end.saturating_duration_since(Instant::now())));
+            self.time.sleep(PATIENCE.min(end.saturating_duration_since(self.time.now())));
         }
     }
 
@@ -309,3 +313,6 @@ impl Supervisor {
         (self.notify)(Notice { camera: self.place, state });
     }
 }
+
+#[cfg(test)]
+mod tests;
