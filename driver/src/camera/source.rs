@@ -1,7 +1,7 @@
 //! Where cameras come from: a source is what a configuration names, and opens its camera as often as needed.
 //!
 //! This is the one place that knows all kinds of cameras. Each has its [`CameraSource`] beside it; the kinds that lean on a C library are
-//! Cargo features, named as the kind is. Whatever the kind, a camera comes out of here behind the same [guard](super::guard).
+//! Cargo features, named as the kind is. Whatever the kind, a camera comes out of here behind the same guard.
 
 use std::path::PathBuf;
 
@@ -223,6 +223,8 @@ pub enum FaultKind {
         /// For how long.
         seconds: f64,
     },
+    /// The camera's thread panics.
+    Panic,
 }
 
 #[cfg(test)]

@@ -150,6 +150,20 @@ fn a_camera_that_does_not_take_its_flight_settings_back_is_told_and_not_flown() 
 }
 
 #[test]
+fn a_panic_ends_an_attempt_as_a_failure_does() {
+    let broken = Opening::Device { serial: "A", frames: 0, ending: Ending::Panics };
+    let rig = Rig::new([broken, broken, broken, FLEETING]);
+    let counters = rig.counters.clone();
+    let journal = rig.run();
+    assert_eq!(pauses(&journal), [100, 200, 400, 100]);
+    assert_eq!(counters.failures.load(Ordering::Relaxed), 4);
+    assert_eq!(counters.published.load(Ordering::Relaxed), 1, "of the last one");
+    let attempt = ["open A", "configure A: 1000 us", "start A", "close A"];
+    assert_eq!(journal[..4], attempt);
+    assert!(journal[4].starts_with("waiting: ") && journal[4].contains("by script"), "{}", journal[4]);
+}
+
+#[test]
 fn no_third_device_is_opened_while_two_are_still_being_closed() {
     let mut rig = Rig::new([FAILING, FAILING, FAILING]);
     let closed = rig.hold_cameras_open();

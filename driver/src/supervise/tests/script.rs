@@ -44,6 +44,8 @@ pub(super) enum Ending {
     AtThirdConfigure,
     /// It is unplugged while it streams.
     Gone,
+    /// Its library panics while it streams.
+    Panics,
     /// It would go on, but the driver is told to stop.
     DriverStops,
 }
@@ -367,6 +369,9 @@ impl Camera for ScriptedCamera {
             if self.ending == Ending::Gone {
                 let serial = self.identity.serial.clone();
                 return Err(CameraError::Disconnected { serial, doing: "streaming" });
+            }
+            if self.ending == Ending::Panics {
+                panic!("by script");
             }
             self.stop.store(true, Ordering::Relaxed);
             return Ok(Event::Timeout);
