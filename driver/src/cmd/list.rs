@@ -15,7 +15,7 @@ pub(super) fn execute(arguments: &args::List) -> Result<Exit, Error> {
     if cameras.is_empty() {
         tracing::warn!(
             "no camera found; check cables, power, and the rights on the device (udev rules){}",
-            without()
+            without(&source::KINDS)
         );
         return Ok(Exit::Done);
     }
@@ -24,9 +24,9 @@ pub(super) fn execute(arguments: &args::List) -> Result<Exit, Error> {
 }
 
 /// What could not be found.
-fn without() -> String {
+fn without(kinds: &[(&str, bool)]) -> String {
     let missing: Vec<&str> =
-        source::KINDS.iter().filter(|(_, is_built_in)| !is_built_in).map(|(kind, _)| *kind).collect();
+        kinds.iter().filter(|(_, is_built_in)| !is_built_in).map(|(kind, _)| *kind).collect();
     match missing.is_empty() {
         true => String::new(),
         false => format!("; this uvcam was built without {}", missing.join(" and ")),
@@ -46,4 +46,16 @@ fn table(cameras: &[Identity]) -> String {
         cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
     });
     lines.collect::<Vec<_>>().join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_that_are_not_built_in_are_told() {
+        assert_eq!(without(&[("aravis", true), ("v4l2", true)]), "");
+        let without = without(&[("aravis", false), ("replay", true), ("v4l2", false)]);
+        assert_eq!(without, "; this uvcam was built without aravis and v4l2");
+    }
 }

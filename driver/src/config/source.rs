@@ -8,9 +8,17 @@ use toml::de::DeTable;
 
 use super::document::{EXPOSURE, Reader};
 use super::faults::FaultTable;
-use super::keys::{KINDS, nearest, suggestion};
+use super::keys::{nearest, suggestion};
 use super::{ConfigError, Simulated, Source, V4l2, V4l2Device, V4l2Memory};
 use crate::camera::source::is_built_in;
+
+/// The kinds of `source`, and their keys beside `kind`.
+const KINDS: [(&str, &[&str]); 4] = [
+    ("aravis", &["serial"]),
+    ("replay", &["path"]),
+    ("simulated", &["serial", "still", "readout_us", "faults"]),
+    ("v4l2", &["path", "serial", "memory", "gain_step_db", "fixed_exposure_us"]),
+];
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
