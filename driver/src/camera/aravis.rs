@@ -21,10 +21,12 @@ mod features;
 mod finder;
 mod frame_id;
 mod gige;
+mod log;
 mod stream;
 mod usb;
 
 pub(super) use finder::Finder;
+pub(super) use log::log_library;
 
 const KIND: &str = "aravis";
 

@@ -73,6 +73,12 @@ pub fn list() -> Vec<Identity> {
     lists.iter().flat_map(|list| list()).collect()
 }
 
+/// Leads what the libraries behind the cameras say into the log. To be called once, when the log is there.
+pub fn log_libraries() {
+    #[cfg(feature = "aravis")]
+    aravis::log_library();
+}
+
 /// Puts the guard around each camera.
 struct Guarded(Box<dyn CameraSource>);
 
