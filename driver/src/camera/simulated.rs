@@ -1,6 +1,6 @@
 //! A simulated camera: an airframe under a moving lamp, blinking markers, sensor noise, and faults by script.
 //!
-//! [`Device`] is the hardware: it outlives an unplugging and remembers which faults have happened. [`SimulatedCamera`] is the
+//! `Device` is the hardware: it outlives an unplugging and remembers which faults have happened. `SimulatedCamera` is the
 //! opened handle.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
