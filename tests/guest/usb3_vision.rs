@@ -1,13 +1,12 @@
 //! A USB3 Vision camera behind the kernel's USB, libusb and aravis as they are.
 
-use uvcam::camera::aravis::AravisCamera;
 use uvcam_masker::ImageView;
 use uvcam_shm_ipc::Flags;
 use uvcam_tests::conformance::{settings, suite};
 use uvcam_tests::scene::picture;
 use uvcam_tests::usb::Plugged;
 use uvcam_tests::usb3_vision::{Camera, Identity};
-use uvcam_tests::{Stage, next_frame, stderr};
+use uvcam_tests::{Stage, next_frame, open_aravis, stderr};
 
 mod copies;
 mod faults;
@@ -27,7 +26,7 @@ fn camera(name: &str, serial: &str) -> String {
 #[test]
 fn it_conforms() {
     let _device = Plugged::new(Camera::new(Identity::with_serial("U3V1")));
-    suite(&|| Box::new(AravisCamera::open("U3V1").unwrap()), &settings(SIZE.0, SIZE.1));
+    suite(&|| open_aravis("U3V1").unwrap(), &settings(SIZE.0, SIZE.1));
 }
 
 #[test]

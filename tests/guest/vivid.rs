@@ -3,12 +3,11 @@
 use std::io::{ErrorKind, Read};
 
 use rustix::event::{PollFd, PollFlags, poll};
-use uvcam::camera::v4l2::V4l2Camera;
-use uvcam::config::{V4l2, V4l2Device, V4l2Memory};
+use uvcam::camera::source::{Source, V4l2, V4l2Device, V4l2Memory};
 use uvcam_masker::{ImageView, Mask};
 use uvcam_shm_ipc::{Flags, Frame};
 use uvcam_tests::conformance::{settings, suite};
-use uvcam_tests::{Stage, next_frame, stderr};
+use uvcam_tests::{Stage, next_frame, open, stderr};
 use v4l::control::{Control, Value};
 use v4l::v4l_sys::{V4L2_CID_AUTOGAIN, V4L2_CID_GAIN};
 use v4l::video::Capture;
@@ -143,13 +142,13 @@ fn fly(source: &str, (pixel_format, fourcc, bytes_per_pixel): (&str, &[u8; 4], u
 fn it_conforms() {
     reset();
     for memory in [V4l2Memory::UserPointer, V4l2Memory::Mapped] {
-        let source = V4l2 {
+        let source = Source::V4l2(V4l2 {
             device: V4l2Device::Path(NODE.into()),
             memory: Some(memory),
             gain_step_db: None,
             fixed_exposure_us: Some(1000.0),
-        };
-        suite(&|| Box::new(V4l2Camera::open(&source).unwrap()), &settings(SIZE.0, SIZE.1));
+        });
+        suite(&|| open(&source).unwrap(), &settings(SIZE.0, SIZE.1));
     }
 }
 

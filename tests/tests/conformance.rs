@@ -1,34 +1,28 @@
 //! What every camera must do, whatever it is made of.
 #![allow(clippy::unwrap_used)]
 
-use uvcam::camera::aravis::AravisCamera;
-use uvcam::camera::replay::ReplayCamera;
-use uvcam::camera::simulated::Device;
-use uvcam::camera::{Camera, CameraError, Settings};
-use uvcam::config::Simulated;
+use uvcam::camera::source::{Simulated, Source};
+use uvcam::camera::{CameraError, Settings};
 use uvcam_shm_ipc::PixelFormat;
-use uvcam_tests::SharedMemory;
 use uvcam_tests::conformance::{Started, settings, suite};
 use uvcam_tests::emulated::{ADDRESS, EmulatedCamera};
 use uvcam_tests::network::in_namespace;
+use uvcam_tests::{SharedMemory, open, open_aravis, open_replay};
 
-fn simulated(readout_us: f64) -> Device {
-    Device::new(Simulated { serial: "SIM".into(), still: false, readout_us, faults: vec![] })
+fn simulated(readout_us: f64) -> Source {
+    Source::Simulated(Simulated { serial: "SIM".into(), still: false, readout_us, faults: vec![] })
 }
 
 #[test]
 fn the_simulated_camera_conforms() {
-    let device = simulated(0.0);
-    suite(&|| Box::new(device.open().unwrap()), &settings(160, 120));
+    let source = simulated(0.0);
+    suite(&|| open(&source).unwrap(), &settings(160, 120));
 }
 
 #[test]
 fn the_simulated_camera_conforms_with_two_bytes_a_pixel() {
-    let device = simulated(0.0);
-    suite(
-        &|| Box::new(device.open().unwrap()),
-        &Settings { pixel_format: PixelFormat::Mono12, ..settings(160, 120) },
-    );
+    let source = simulated(0.0);
+    suite(&|| open(&source).unwrap(), &Settings { pixel_format: PixelFormat::Mono12, ..settings(160, 120) });
 }
 
 #[test]
@@ -38,7 +32,7 @@ fn the_replay_camera_conforms() {
         let picture = image::GrayImage::from_pixel(64, 48, image::Luma([100 + index]));
         picture.save(folder.path().join(format!("{index}.png"))).unwrap();
     }
-    suite(&|| Box::new(ReplayCamera::open(folder.path()).unwrap()), &settings(64, 48));
+    suite(&|| open_replay(folder.path()).unwrap(), &settings(64, 48));
 }
 
 #[test]
@@ -47,7 +41,7 @@ fn the_aravis_camera_conforms() {
         let _program = EmulatedCamera::start("GV1", 0);
         // The program draws black below 10 ms.
         let settings = Settings { exposure_us: 10_000.0, ..settings(512, 512) };
-        suite(&|| Box::new(AravisCamera::open(ADDRESS).unwrap()), &settings);
+        suite(&|| open_aravis(ADDRESS).unwrap(), &settings);
     });
 }
 
@@ -59,8 +53,8 @@ fn replay_loops_over_the_pictures_in_the_order_of_their_names() {
         picture.save_with_format(folder.path().join(name), image::ImageFormat::Png).unwrap();
     }
     let memory = SharedMemory::new();
-    let mut camera = ReplayCamera::open(folder.path()).unwrap();
-    let mut started = Started::new(&mut camera, &settings(8, 4), &memory);
+    let mut camera = open_replay(folder.path()).unwrap();
+    let mut started = Started::new(camera.as_mut(), &settings(8, 4), &memory);
     for expected in [10, 20, 30, 10, 20] {
         let mut capture = started.next_whole();
         assert!(capture.slot.pixels_mut().iter().all(|pixel| *pixel == expected));
@@ -71,16 +65,16 @@ fn replay_loops_over_the_pictures_in_the_order_of_their_names() {
 #[test]
 fn replay_refuses_an_empty_folder_and_pictures_of_another_size() {
     let folder = tempfile::tempdir().unwrap();
-    let error = ReplayCamera::open(folder.path()).unwrap_err();
+    let error = open_replay(folder.path()).unwrap_err();
     assert!(matches!(error, CameraError::Absent { .. }), "{error}");
     image::GrayImage::new(8, 4).save(folder.path().join("a.png")).unwrap();
-    let error = ReplayCamera::open(folder.path()).unwrap().configure(&settings(4, 8)).unwrap_err();
+    let error = open_replay(folder.path()).unwrap().configure(&settings(4, 8)).unwrap_err();
     assert!(error.is_refusal() && error.to_string().contains("8x4"), "{error}");
 }
 
 #[test]
 fn a_simulated_frame_beyond_all_masks_is_refused_before_it_is_drawn() {
-    let error = simulated(0.0).open().unwrap().configure(&settings(16384, 16384)).unwrap_err();
+    let error = open(&simulated(0.0)).unwrap().configure(&settings(16384, 16384)).unwrap_err();
     assert!(
         error.is_refusal() && error.to_string().contains("width and height = 16384x16384 refused"),
         "{error}"
@@ -90,8 +84,8 @@ fn a_simulated_frame_beyond_all_masks_is_refused_before_it_is_drawn() {
 #[test]
 fn an_exposure_that_does_not_fit_is_refused_with_the_largest_that_does() {
     let asked = Settings { fps: 60.0, exposure_us: 7000.0, ..settings(64, 48) };
-    let error = simulated(10_000.0).open().unwrap().configure(&asked).unwrap_err();
+    let error = open(&simulated(10_000.0)).unwrap().configure(&asked).unwrap_err();
     assert!(error.is_refusal() && error.to_string().contains("is 6666"), "{error}");
     let fits = Settings { exposure_us: 6666.0, ..asked };
-    assert!(simulated(10_000.0).open().unwrap().configure(&fits).is_ok());
+    assert!(open(&simulated(10_000.0)).unwrap().configure(&fits).is_ok());
 }
