@@ -15,9 +15,9 @@ use rustix::net::{AddressFamily, Protocol, RecvFlags, SocketFlags, SocketType, r
 use uvcam::camera::aravis::AravisCamera;
 use uvcam::camera::{Camera, Event, Settings};
 use uvcam::realtime::Realtime;
+use uvcam_emulated::gige_vision::{self, ADDRESS};
 use uvcam_shm_ipc::{FrameHeader, PixelFormat, monotonic_ns};
 use uvcam_tests::SharedMemory;
-use uvcam_tests::emulated::{ADDRESS, EmulatedCamera};
 use uvcam_tests::network::enter_namespace;
 
 const WIDTH: u32 = 752;
@@ -40,7 +40,7 @@ struct Row {
 fn main() {
     enter_namespace();
     std::thread::spawn(see_trailers);
-    let _camera = EmulatedCamera::start("BENCH", 0);
+    let _camera = gige_vision::Camera::start("BENCH", 0);
     let [mut packet, mut plain, mut ours] = [(); 3].map(|()| Row::default());
     for _ in 0..ROUNDS {
         with_library(GvStreamOption::NONE, &mut packet);

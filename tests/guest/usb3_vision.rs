@@ -1,12 +1,12 @@
 //! A USB3 Vision camera behind the kernel's USB, libusb and aravis as they are.
 
 use uvcam::camera::aravis::AravisCamera;
+use uvcam_emulated::scene::picture;
+use uvcam_emulated::usb::Plugged;
+use uvcam_emulated::usb3_vision::{Camera, Identity};
 use uvcam_masker::ImageView;
 use uvcam_shm_ipc::Flags;
 use uvcam_tests::conformance::{settings, suite};
-use uvcam_tests::scene::picture;
-use uvcam_tests::usb::Plugged;
-use uvcam_tests::usb3_vision::{Camera, Identity};
 use uvcam_tests::{Stage, next_frame, stderr};
 
 mod copies;

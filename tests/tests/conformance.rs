@@ -6,10 +6,10 @@ use uvcam::camera::replay::ReplayCamera;
 use uvcam::camera::simulated::Device;
 use uvcam::camera::{Camera, CameraError, Settings};
 use uvcam::config::Simulated;
+use uvcam_emulated::gige_vision::{self, ADDRESS};
 use uvcam_shm_ipc::PixelFormat;
 use uvcam_tests::SharedMemory;
 use uvcam_tests::conformance::{Started, settings, suite};
-use uvcam_tests::emulated::{ADDRESS, EmulatedCamera};
 use uvcam_tests::network::in_namespace;
 
 fn simulated(readout_us: f64) -> Device {
@@ -44,7 +44,7 @@ fn the_replay_camera_conforms() {
 #[test]
 fn the_aravis_camera_conforms() {
     in_namespace("the_aravis_camera_conforms", || {
-        let _program = EmulatedCamera::start("GV1", 0);
+        let _program = gige_vision::Camera::start("GV1", 0);
         // The program draws black below 10 ms.
         let settings = Settings { exposure_us: 10_000.0, ..settings(512, 512) };
         suite(&|| Box::new(AravisCamera::open(ADDRESS).unwrap()), &settings);
