@@ -6,7 +6,7 @@ use uvcam_emulated::usb::Plugged;
 use uvcam_emulated::usb3_vision::{Camera, Identity};
 use uvcam_masker::ImageView;
 use uvcam_shm_ipc::Flags;
-use uvcam_tests::conformance::{settings, suite};
+use uvcam_tests::conformance::{Case, Kind, settings};
 use uvcam_tests::{Stage, next_frame, stderr};
 
 mod copies;
@@ -24,10 +24,20 @@ fn camera(name: &str, serial: &str) -> String {
     )
 }
 
-#[test]
-fn it_conforms() {
-    let _device = Plugged::new(Camera::new(Identity::with_serial("U3V1")));
-    suite(&|| Box::new(AravisCamera::open("U3V1").unwrap()), &settings(SIZE.0, SIZE.1));
+mod conforms {
+    use super::*;
+
+    fn run(case: Case) {
+        let _device = Plugged::new(Camera::new(Identity::with_serial("U3V1")));
+        (case.run)(&Kind {
+            open: &|| Box::new(AravisCamera::open("U3V1").unwrap()),
+            settings: settings(SIZE.0, SIZE.1),
+            takes_gains_db: &[6.0],
+            refuses_gains_db: &[1000.0],
+        });
+    }
+
+    uvcam_tests::conformance!(run);
 }
 
 #[test]
