@@ -11,7 +11,7 @@ use crate::generator::Wish;
 #[command(name = "uvcam", version, propagate_version = true)]
 #[command(
     after_help = "Exit codes: 0 done, 2 usage or configuration, 3 refused as unsafe, 4 camera, 5 shared memory,\n\
-    6 a fault of this machine.\n\
+    6 a fault of this machine, 7 refused by the system (a file, a thread), or failed inside.\n\
     Status goes to stderr, data to stdout. UVCAM_LOG=debug says more."
 )]
 pub struct Arguments {

@@ -1,17 +1,17 @@
 //! The commands, one file each. Status goes to stderr, data to stdout.
 
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use signal_hook::consts::{SIGINT, SIGTERM};
-use tracing_subscriber::EnvFilter;
 
 use crate::args::{Arguments, Command};
 use crate::config::{self, Config};
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
+use crate::log;
 
 mod demo;
 mod doctor;
@@ -25,15 +25,23 @@ mod watch;
 
 /// Does what the command line asks, and says how it ended.
 pub fn execute(arguments: Arguments) -> Exit {
-    let filter = EnvFilter::try_from_env("UVCAM_LOG").unwrap_or_else(|_| EnvFilter::new("info"));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_target(false)
-        .init();
+    if let Err(source) = log::start() {
+        let error = Error::System { doing: "starting thread", path: "log".into(), source };
+        // Nothing flies yet, so that nothing waits for stderr. Where it takes nothing, the exit code tells.
+        let _ = writeln!(std::io::stderr(), "uvcam: {}", with_causes(&error));
+        return error.exit();
+    }
+    let exit = dispatch(arguments).unwrap_or_else(|error| {
+        tracing::error!("{}", with_causes(&error));
+        error.exit()
+    });
+    log::flush();
+    exit
+}
+
+fn dispatch(arguments: Arguments) -> Result<Exit, Error> {
     let file = arguments.config.as_deref();
-    let outcome = match arguments.command {
+    match arguments.command {
         Command::Run(run) => load(file).and_then(|config| run::execute(&run, &config)),
         Command::List(list) => list::execute(&list),
         Command::Watch(watch) => load(file).and_then(|config| watch::execute(&watch, &config)),
@@ -43,11 +51,7 @@ pub fn execute(arguments: Arguments) -> Exit {
         Command::Doctor(doctor) => load(file).and_then(|config| doctor::execute(&doctor, &config)),
         Command::Config => print(config::DEFAULT.trim_end()).map(|()| Exit::Done),
         Command::Demo(demo) => demo::execute(&demo),
-    };
-    outcome.unwrap_or_else(|error| {
-        tracing::error!("{}", with_causes(&error));
-        error.exit()
-    })
+    }
 }
 
 fn load(file: Option<&Path>) -> Result<Config, Error> {
@@ -67,8 +71,9 @@ fn stop_flag() -> Result<Arc<AtomicBool>, Error> {
     Ok(stop)
 }
 
-/// Prints data to stdout. A reader that has seen enough and closed the pipe is no error.
+/// Prints data to stdout, after what was said on stderr. A reader that has seen enough and closed the pipe is no error.
 fn print(text: &str) -> Result<(), Error> {
+    log::flush();
     match writeln!(std::io::stdout().lock(), "{text}") {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Error::System { doing: "writing to", path: "stdout".into(), source: error })

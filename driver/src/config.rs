@@ -57,6 +57,14 @@ impl Ipc {
     }
 }
 
+impl Config {
+    /// Bytes of `/dev/shm` that all cameras and their consumers need.
+    pub fn shared_memory_needed(&self) -> u64 {
+        let frames = self.cameras.iter().map(|camera| camera.settings.frame_bytes());
+        self.ipc.settings.shared_memory_of_all(frames, self.ipc.loans())
+    }
+}
+
 /// `[[camera]]`
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraConfig {
@@ -225,6 +233,8 @@ pub enum FaultKind {
         /// For how long.
         seconds: f64,
     },
+    /// The camera's thread panics.
+    Panic,
 }
 
 impl Config {

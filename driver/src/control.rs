@@ -63,7 +63,8 @@ impl Reply {
 
 /// Where questions arrive, a place for each camera.
 pub struct Desk {
-    servers: Vec<ControlServer>,
+    /// One a camera; none where its files were removed and could not be made anew yet.
+    servers: Vec<Option<ControlServer>>,
 }
 
 impl Desk {
@@ -72,15 +73,31 @@ impl Desk {
     /// # Errors
     /// [`Error::Ipc`] where another driver answers for one of them.
     pub fn open(config: &Config) -> Result<Self, Error> {
-        let servers =
-            config.cameras.iter().map(|camera| ControlServer::create(&config.ipc.settings, &camera.name));
+        let servers = config
+            .cameras
+            .iter()
+            .map(|camera| ControlServer::create(&config.ipc.settings, &camera.name).map(Some));
         Ok(Desk { servers: servers.collect::<Result<_, _>>()? })
+    }
+
+    /// Makes the server of the camera at `place` anew where its files were removed, so that clients find it. No question may be open.
+    pub fn keep_open(&mut self, config: &Config, place: usize) {
+        let (Some(server), Some(camera)) = (self.servers.get_mut(place), config.cameras.get(place)) else {
+            return;
+        };
+        // One must be gone before its successor comes: their files have the same names.
+        *server = server.take().filter(|server| server.footing().is_in_place());
+        if server.is_none() {
+            let created = ControlServer::create_at_once(&config.ipc.settings, &camera.name);
+            *server = created.inspect_err(|error| tracing::debug!("control: {error}")).ok();
+        }
     }
 
     /// The questions that have arrived, with the place of their camera in the configuration.
     pub fn questions(&self) -> Vec<(usize, Question, Ask)> {
         let mut questions = Vec::new();
-        for (place, server) in self.servers.iter().enumerate() {
+        let servers = self.servers.iter().enumerate();
+        for (place, server) in servers.filter_map(|(place, server)| Some((place, server.as_ref()?))) {
             match server.next() {
                 Ok(Some(question)) => match serde_json::from_str(question.text()) {
                     Ok(ask) => questions.push((place, question, ask)),

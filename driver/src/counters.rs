@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use uvcam_masker::MaskId;
-use uvcam_shm_ipc::monotonic_ns;
+use uvcam_shm_ipc::{Footing, monotonic_ns};
 
 use crate::latency::LatencyHistogram;
 
@@ -33,6 +33,8 @@ pub struct Counters {
     last_sign_of_life_ns: AtomicU64,
     /// Locked where the mask changes, which is between two frames, and for a copy of 16 bytes.
     mask_id: Mutex<Option<MaskId>>,
+    /// Locked where another publisher is made, and once a second for a look at its files.
+    footing: Mutex<Option<Footing>>,
 }
 
 /// Degrees Celsius, as the bits of an `f64`.
@@ -51,6 +53,17 @@ pub fn add(counter: &AtomicU64, count: u64) {
 }
 
 impl Counters {
+    /// Keeps the files that consumers find the publisher by.
+    pub fn set_footing(&self, footing: Footing) {
+        *self.footing.lock().unwrap_or_else(PoisonError::into_inner) = Some(footing);
+    }
+
+    /// Whether consumers no longer find the publisher. True once for each publisher.
+    pub fn has_lost_footing(&self) -> bool {
+        let mut footing = self.footing.lock().unwrap_or_else(PoisonError::into_inner);
+        footing.take_if(|footing| !footing.is_in_place()).is_some()
+    }
+
     /// Keeps the device's temperature in degrees Celsius, `None` where it tells none.
     pub fn set_temperature_c(&self, temperature: Option<f64>) {
         self.temperature.0.store(temperature.unwrap_or(f64::NAN).to_bits(), Ordering::Relaxed);

@@ -77,8 +77,12 @@ pub enum Check {
     LockedMemory,
     /// The driver may use the real-time priorities that the configuration names.
     RealTimePriority,
-    /// `/dev/shm` holds the slots of all cameras.
+    /// `/dev/shm` may be written to and holds the slots of all cameras.
     SharedMemory,
+    /// `root_path` belongs to the driver's user.
+    RootPath,
+    /// Shared memory stays when the driver's user logs out.
+    IpcRemoval,
     /// The processors run at full speed.
     CpuGovernor,
     /// The system's clock is cheap to read.
@@ -120,7 +124,9 @@ pub fn examine(root: &Path, config: &Config) -> Vec<Finding> {
         network::socket_buffer(&machine, config),
         network::firewall(&machine, config),
         process.limits(&machine, config),
-        memory::shared(&machine, config),
+        memory::shared(&machine, &process, config),
+        memory::root_path(&machine, &process, config),
+        memory::removal(&machine, &process),
         processor::governor(&machine),
         processor::clock_source(&machine),
         camera::masks(config),

@@ -1,5 +1,6 @@
 //! What can end a command, and the exit code that goes with it.
 
+use std::io::ErrorKind;
 use std::path::PathBuf;
 
 use thiserror::Error;
@@ -28,6 +29,9 @@ pub enum Error {
     /// A mask cannot be read.
     #[error("mask refused")]
     MaskFile(#[source] FileError),
+    /// A frame of a file cannot be used.
+    #[error("frame refused")]
+    Frame(#[source] FileError),
     /// A picture cannot be read or written.
     #[error(transparent)]
     Picture(#[from] FileError),
@@ -73,27 +77,53 @@ pub enum Error {
         /// What the system said.
         source: std::io::Error,
     },
+    /// A part of the program panicked.
+    #[error("{part} ended by a panic: {cause}; please report it")]
+    Panicked {
+        /// Which.
+        part: &'static str,
+        /// What it said.
+        cause: String,
+    },
+    /// What was asked has to wait for something else.
+    #[error("{0}")]
+    Busy(String),
+    /// A signal ended the command.
+    #[error("stopped; nothing was stored")]
+    Stopped,
 }
 
 impl Error {
-    /// The exit code of a command that ends with this error.
+    /// The exit code of a command that ends with this error. A service manager does not start the driver again after [`Exit::Usage`]: it
+    /// is for what stays wrong until a person changes the command line or the configuration, and for nothing that happens in flight.
     pub fn exit(&self) -> Exit {
         match self {
+            Error::Config(ConfigError::Unreadable { source, .. })
+            | Error::Frame(FileError::Read { source, .. })
+                if may_pass(source) =>
+            {
+                Exit::System
+            }
             Error::Config(_)
             | Error::Usage(_)
             | Error::Generate(_)
-            | Error::Picture(_)
-            | Error::System { .. } => Exit::Usage,
-            Error::Ipc(IpcError::CameraName(_) | IpcError::Setting { .. }) => Exit::Usage,
-            Error::Mask(_)
+            | Error::Ipc(IpcError::CameraName(_) | IpcError::Setting { .. }) => Exit::Usage,
+            Error::Frame(FileError::NotAFrame { .. })
+            | Error::Mask(_)
             | Error::MaskFile(_)
             | Error::Apply(_)
             | Error::Image(_)
             | Error::NotRestored(_) => Exit::Refused,
             Error::Camera(error) if error.is_refusal() => Exit::Refused,
             Error::Camera(_) => Exit::Camera,
+            Error::Frame(_) => Exit::Usage,
             Error::Driver { exit, .. } => Exit::from_code(*exit),
             Error::Ipc(_) | Error::Header(_) | Error::Loan(_) => Exit::SharedMemory,
+            Error::Picture(_)
+            | Error::System { .. }
+            | Error::Panicked { .. }
+            | Error::Busy(_)
+            | Error::Stopped => Exit::System,
         }
     }
 
@@ -101,6 +131,19 @@ impl Error {
     pub fn is_final(&self) -> bool {
         self.exit() == Exit::Refused && !matches!(self, Error::Camera(_))
     }
+}
+
+/// Whether a file that could not be read may be read the next time, by nobody's doing: its disk or the system's memory failed, rather than
+/// its name, rights or content.
+fn may_pass(error: &std::io::Error) -> bool {
+    !matches!(
+        error.kind(),
+        ErrorKind::NotFound
+            | ErrorKind::PermissionDenied
+            | ErrorKind::NotADirectory
+            | ErrorKind::IsADirectory
+            | ErrorKind::InvalidData
+    )
 }
 
 /// The error's message followed by those of its causes, where it does not already hold them.
@@ -115,4 +158,88 @@ pub fn with_causes(error: &dyn std::error::Error) -> String {
         cause = error.source();
     }
     text
+}
+
+/// What a panic left, as text.
+pub fn panic_text(payload: &(dyn std::any::Any + Send)) -> String {
+    let text = payload.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "it left no text".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+
+    use super::*;
+    use crate::camera::CameraError;
+
+    fn unreadable(source: impl Into<io::Error>) -> Error {
+        ConfigError::Unreadable { file: "uvcam.toml".into(), source: source.into() }.into()
+    }
+
+    fn refused_by_the_system(kind: ErrorKind) -> Error {
+        Error::System { doing: "starting thread", path: "left".into(), source: kind.into() }
+    }
+
+    #[test]
+    fn what_a_restart_may_mend_is_never_called_a_wrong_configuration() {
+        let picture = || FileError::Write { path: "left.png".into(), source: ErrorKind::StorageFull.into() };
+        let panicked = || Error::Panicked { part: "the camera's thread", cause: "index".into() };
+        // From linux/errno: input/output error, too many open files.
+        for error in [
+            refused_by_the_system(ErrorKind::WouldBlock),
+            picture().into(),
+            panicked(),
+            Error::Busy("later".into()),
+            Error::Stopped,
+            unreadable(io::Error::from_raw_os_error(5)),
+            unreadable(io::Error::from_raw_os_error(24)),
+        ] {
+            assert_eq!(error.exit(), Exit::System, "{error}");
+            assert!(!error.is_final(), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_a_person_must_mend_keeps_its_codes() {
+        let absent = CameraError::Absent { kind: "replay", wanted: "frames".into(), found: "nothing".into() };
+        for (error, exit) in [
+            (Error::Usage("no such camera".into()), Exit::Usage),
+            (unreadable(ErrorKind::NotFound), Exit::Usage),
+            (unreadable(ErrorKind::PermissionDenied), Exit::Usage),
+            (IpcError::CameraName("a/b".into()).into(), Exit::Usage),
+            (Error::Mask("grey".into()), Exit::Refused),
+            (Error::NotRestored("gain".into()), Exit::Refused),
+            (absent.into(), Exit::Camera),
+            (IpcError::AlreadyPublishing("left".into()).into(), Exit::SharedMemory),
+        ] {
+            assert_eq!(error.exit(), exit, "{error}");
+        }
+    }
+
+    #[test]
+    fn messages_name_what_the_part_and_the_cause() {
+        let message = |error: &Error| with_causes(error);
+        let said = message(&refused_by_the_system(ErrorKind::WouldBlock));
+        assert!(said.starts_with("starting thread left: "), "{said}");
+        let said = message(&Error::Panicked { part: "reading the mask", cause: "index 7".into() });
+        assert_eq!(said, "reading the mask ended by a panic: index 7; please report it");
+        assert_eq!(message(&Error::Busy("wait for it".into())), "wait for it");
+        assert_eq!(message(&Error::Stopped), "stopped; nothing was stored");
+    }
+
+    #[test]
+    fn every_code_means_what_it_says_and_an_unknown_one_a_failure() {
+        for code in [0, 2, 3, 4, 5, 6, 7] {
+            assert_eq!(Exit::from_code(code) as u8, code);
+        }
+        assert_eq!(Exit::from_code(101), Exit::System);
+    }
+
+    #[test]
+    fn the_text_of_a_panic_is_found_whatever_it_left() {
+        assert_eq!(panic_text(&"text"), "text");
+        assert_eq!(panic_text(&String::from("text")), "text");
+        assert_eq!(panic_text(&7), "it left no text");
+    }
 }

@@ -16,13 +16,23 @@ pub enum Exit {
     SharedMemory = 5,
     /// `uvcam doctor` found a fault of this machine.
     Fault = 6,
+    /// The system refused something (a file, a thread, a signal), or a part of the program failed: another try may work.
+    System = 7,
 }
 
 impl Exit {
-    /// The exit that has this code; a code that none has is a camera's.
+    /// The exit that has this code; a code that none has is a failure.
     pub fn from_code(code: u8) -> Self {
-        let all = [Exit::Done, Exit::Usage, Exit::Refused, Exit::Camera, Exit::SharedMemory, Exit::Fault];
-        all.into_iter().find(|exit| *exit as u8 == code).unwrap_or(Exit::Camera)
+        let all = [
+            Exit::Done,
+            Exit::Usage,
+            Exit::Refused,
+            Exit::Camera,
+            Exit::SharedMemory,
+            Exit::Fault,
+            Exit::System,
+        ];
+        all.into_iter().find(|exit| *exit as u8 == code).unwrap_or(Exit::System)
     }
 }
 

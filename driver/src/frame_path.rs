@@ -36,6 +36,19 @@ pub enum Command {
     Mask(MaskInForce),
     /// Leave the path and collect lit frames.
     Generate(Box<Order>),
+    /// Leave the path for another publisher: consumers no longer find this one.
+    Republish,
+}
+
+/// Why the path was left.
+#[derive(Debug)]
+pub enum Leave {
+    /// The driver stops.
+    Stop,
+    /// Lit frames are to be collected.
+    Generate(Box<Order>),
+    /// Another publisher is to be made.
+    Republish,
 }
 
 /// One camera, its publisher and its mask, for the time of one epoch.
@@ -89,12 +102,12 @@ impl Position {
 }
 
 impl FramePath<'_> {
-    /// Walks until `stop` is set, the camera fails, or an order for lit frames comes, which is returned. `streaming` is called when
-    /// the first frame is about to go out.
+    /// Walks until `stop` is set, the camera fails, or a command asks to leave. `streaming` is called when the first frame is about to go
+    /// out.
     ///
     /// # Errors
     /// What ended the epoch. The camera is to be dropped.
-    pub fn run(&mut self, stop: &AtomicBool, streaming: impl FnOnce()) -> Result<Option<Box<Order>>, Error> {
+    pub fn run(&mut self, stop: &AtomicBool, streaming: impl FnOnce()) -> Result<Leave, Error> {
         add(&self.counters.epochs, 1);
         self.counters.set_mask_id(self.mask.as_deref().map(Mask::id));
         self.fill_queue()?;
@@ -104,9 +117,9 @@ impl FramePath<'_> {
         // Relaxed: the flag carries no data, and is seen within one `PATIENCE`.
         while !stop.load(Ordering::Relaxed) {
             self.counters.live();
-            if let Some(order) = self.take_commands() {
+            if let Some(leave) = self.take_commands() {
                 self.camera.stop();
-                return Ok(Some(order));
+                return Ok(leave);
             }
             match self.camera.next(PATIENCE)? {
                 Event::Complete(capture) => {
@@ -132,7 +145,7 @@ impl FramePath<'_> {
             self.fill_queue()?;
         }
         self.camera.stop();
-        Ok(None)
+        Ok(Leave::Stop)
     }
 
     fn publish(&mut self, capture: Capture) -> Result<(), Error> {
@@ -212,7 +225,7 @@ impl FramePath<'_> {
         Ok(())
     }
 
-    fn take_commands(&mut self) -> Option<Box<Order>> {
+    fn take_commands(&mut self) -> Option<Leave> {
         while let Ok(command) = self.commands.try_recv() {
             match command {
                 Command::Mask(mask) => {
@@ -221,7 +234,8 @@ impl FramePath<'_> {
                     self.counters.set_mask_id(id);
                     *self.mask = mask;
                 }
-                Command::Generate(order) => return Some(order),
+                Command::Generate(order) => return Some(Leave::Generate(order)),
+                Command::Republish => return Some(Leave::Republish),
             }
         }
         None

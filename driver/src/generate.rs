@@ -4,6 +4,7 @@
 //! [`Order`] back when the camera has its flight settings again. Lit frames are no part of a stream: no consumer has lost them.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -11,8 +12,9 @@ use uvcam_masker::GrayImage;
 use uvcam_shm_ipc::{PixelFormat, Publisher, Slot, monotonic_ns};
 
 use crate::camera::{Applied, Camera, CameraError, Event, Identity, Settings};
+use crate::config::Generate;
 use crate::error::Error;
-use crate::generator::{Generator, Progress};
+use crate::generator::{Generator, Progress, Wish};
 
 /// Longest wait for a frame before the thread looks whether it is to end.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -20,6 +22,10 @@ const PATIENCE: Duration = Duration::from_millis(100);
 const SILENCE_NS: u64 = 2_000_000_000;
 /// The lamp has to move between frames: more of them a second show the same.
 const FPS: f64 = 10.0;
+/// What may be asked for, as in the configuration: exposure times in microseconds, gains in decibels, frames.
+const EXPOSURES_US: RangeInclusive<f64> = 1.0..=1e7;
+const GAINS_DB: RangeInclusive<f64> = -40.0..=80.0;
+const FRAMES: RangeInclusive<u32> = 1..=255;
 
 /// Frames to be collected in another light than that of the flight.
 pub struct Order {
@@ -58,6 +64,31 @@ impl Light {
             ("Gain dB", applied.gain_db.to_string()),
         ]
     }
+}
+
+/// Exposure time in microseconds and gain in decibels of the lit frames that are wished for.
+///
+/// # Errors
+/// [`Error::Usage`] where one of them, or the number of frames, is out of its range.
+pub fn light(wish: &Wish, configured: &Generate) -> Result<(f64, f64), Error> {
+    let exposure_us = wish.exposure_us.unwrap_or(configured.exposure_us);
+    let gain_db = wish.gain_db.unwrap_or(configured.gain_db);
+    check("exposure_us", &exposure_us, &EXPOSURES_US)?;
+    check("gain_db", &gain_db, &GAINS_DB)?;
+    check("frames", &wish.frames, &FRAMES)?;
+    Ok((exposure_us, gain_db))
+}
+
+fn check<T: PartialOrd + fmt::Display>(
+    name: &str,
+    value: &T,
+    allowed: &RangeInclusive<T>,
+) -> Result<(), Error> {
+    if allowed.contains(value) {
+        return Ok(());
+    }
+    let (least, most) = (allowed.start(), allowed.end());
+    Err(Error::Usage(format!("{name} = {value} refused: ask for {least} to {most}")))
 }
 
 impl fmt::Debug for Order {
@@ -144,4 +175,35 @@ fn picture(slot: &mut Slot, applied: &Applied) -> GrayImage {
     };
     // A slot holds stride times height bytes, so there are enough pixels.
     GrayImage::from_raw(applied.width, applied.height, pixels).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wish as a command may send it: not checked by a command line.
+    fn wish(keys: &str) -> Wish {
+        let text = format!("{{\"method\":\"fused\",\"ignore\":[],\"replace\":false{keys}}}");
+        serde_json::from_str(&text).unwrap()
+    }
+
+    #[test]
+    fn light_out_of_range_is_refused_by_its_name() {
+        let light = |keys: &str| light(&wish(keys), &Generate::default());
+        assert!(light(",\"frames\":1").is_ok());
+        let wrong = [
+            (",\"frames\":8,\"exposure_us\":-5.0", "exposure_us = -5 refused: ask for 1 to 10000000"),
+            (",\"frames\":8,\"exposure_us\":1e300", "exposure_us = 1"),
+            (",\"frames\":8,\"gain_db\":81", "gain_db = 81 refused: ask for -40 to 80"),
+            (",\"frames\":0", "frames = 0 refused: ask for 1 to 255"),
+            (",\"frames\":256", "frames = 256 refused"),
+        ];
+        for (keys, expected) in wrong {
+            let error = light(keys).unwrap_err();
+            assert!(error.to_string().starts_with(expected), "{error}");
+            assert_eq!(error.exit(), crate::exit::Exit::Usage);
+        }
+        let unknown = Wish { exposure_us: Some(f64::NAN), ..wish(",\"frames\":8") };
+        assert!(super::light(&unknown, &Generate::default()).is_err());
+    }
 }

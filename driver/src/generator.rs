@@ -46,7 +46,7 @@ pub struct Wish {
     #[arg(long)]
     pub replace: bool,
     /// Exposure time of lit frames, microseconds
-    #[arg(long, value_name = "E")]
+    #[arg(long, value_name = "E", allow_negative_numbers = true)]
     pub exposure_us: Option<f64>,
     /// Gain of lit frames, decibels
     #[arg(long, value_name = "G", allow_negative_numbers = true)]
@@ -54,24 +54,32 @@ pub struct Wish {
     /// sigma: a pixel brighter than this is a candidate, 0 to 255; with the fused method, light below a quarter of it is too weak
     #[arg(long, value_name = "LEVEL")]
     pub sigma: Option<u8>,
-    /// eta: the mask needs more candidates |P| than this
+    /// eta: the mask needs more candidates |P| than this, 0 to 1000
     #[arg(long, value_name = "PIXELS")]
     pub eta: Option<u32>,
-    /// Bucket size of the k-d tree of the published method; matters for speed alone
+    /// Bucket size of the k-d tree of the published method, 5, 10, 20 or 40; matters for speed alone
     #[arg(long, value_name = "POINTS")]
     pub leaf: Option<u32>,
-    /// k: neighbours that the published method connects with each candidate, itself included
+    /// k: neighbours that the published method connects with each candidate, itself included, 1 to 100
     #[arg(long, value_name = "POINTS")]
     pub k: Option<u32>,
-    /// tau: the published method connects neighbours nearer than this
+    /// tau: the published method connects neighbours nearer than this, up to 1000
     #[arg(long, value_name = "PIXELS")]
     pub tau: Option<f64>,
-    /// kappa: thickness of the drawn contours; the mask grows by half of it
+    /// kappa: thickness of the drawn contours, 0 to 300; the mask grows by half of it
     #[arg(long, value_name = "PIXELS")]
     pub kappa: Option<u32>,
 }
 
 impl Wish {
+    /// Checks the parameters that this wish makes of those `configured`, before a camera is troubled for them.
+    ///
+    /// # Errors
+    /// [`Error::Generate`] where one is out of its range.
+    pub fn check(&self, configured: &Generate) -> Result<(), Error> {
+        self.parameters(&configured.parameters).check().map_err(|error| GenerateError::from(error).into())
+    }
+
     fn parameters(&self, configured: &Parameters) -> Parameters {
         Parameters {
             sigma: self.sigma.unwrap_or(configured.sigma),
@@ -260,7 +268,7 @@ impl Generated {
         provenance.extend(self.provenance());
         store.store(&Candidate { mask, provenance: &provenance, input: &self.input, overlay: &overlay })?;
         if accept {
-            store.accept()?;
+            store.accept((camera.settings.width, camera.settings.height))?;
         }
         report.in_force = accept;
         report.file = Some(if accept { store.in_force().into() } else { store.candidate() });

@@ -14,7 +14,8 @@ use crate::supervise::State;
 
 /// Keeps the record of one camera.
 pub struct Reporter {
-    publisher: HealthPublisher,
+    /// Missing where its files were removed and could not be made anew yet.
+    publisher: Option<HealthPublisher>,
     record: Health,
 }
 
@@ -24,7 +25,7 @@ impl Reporter {
     /// # Errors
     /// [`IpcError::AlreadyPublishing`] where another driver tells of this camera, and those of [`HealthPublisher::create`].
     pub fn open(config: &Config, camera: &CameraConfig) -> Result<Self, IpcError> {
-        let publisher = HealthPublisher::create(&config.ipc.settings, &camera.name)?;
+        let publisher = Some(HealthPublisher::create(&config.ipc.settings, &camera.name)?);
         let now_ns = monotonic_ns();
         let record = Health {
             started_monotonic_ns: now_ns,
@@ -95,14 +96,24 @@ impl Reporter {
             masked_to_sent: counters.masked_to_sent.summary(),
             ..self.record
         };
-        if let Err(error) = self.publisher.publish(&self.record) {
+        if let Some(Err(error)) = self.publisher.as_ref().map(|publisher| publisher.publish(&self.record)) {
             tracing::debug!("health: {error}");
+        }
+    }
+
+    /// Makes the publisher anew where its files were removed, so that readers find it. To be called about once a second.
+    pub fn keep_open(&mut self, config: &Config, camera: &CameraConfig) {
+        // One must be gone before its successor comes: their files have the same names.
+        self.publisher = self.publisher.take().filter(|publisher| publisher.footing().is_in_place());
+        if self.publisher.is_none() {
+            let created = HealthPublisher::create_at_once(&config.ipc.settings, &camera.name);
+            self.publisher = created.inspect_err(|error| tracing::debug!("health: {error}")).ok();
         }
     }
 
     /// Gives the record to readers that have come since.
     pub fn serve_newcomers(&self) {
-        if let Err(error) = self.publisher.serve_newcomers() {
+        if let Some(Err(error)) = self.publisher.as_ref().map(HealthPublisher::serve_newcomers) {
             tracing::debug!("health: {error}");
         }
     }

@@ -1,8 +1,8 @@
 //! The driver of uvcam: cameras, the way of a frame, and the commands.
 //!
 //! A frame is written by a [`camera`] into a slot of shared memory, loses its masked runs there and is sent ([`frame_path`]).
-//! One thread a camera walks this way under the eyes of [`supervise`]; the commands ([`cmd`]) start it all, or look at it from
-//! outside as any consumer does.
+//! One thread a camera walks this way under the eyes of [`supervise`]; the [`engine`] runs them all. The commands ([`cmd`]) start it, or
+//! look at it from outside as any consumer does.
 
 pub mod args;
 pub mod camera;
@@ -12,6 +12,7 @@ pub mod config;
 pub mod control;
 pub mod counters;
 pub mod doctor;
+pub mod engine;
 pub mod error;
 pub mod exit;
 pub mod frame_path;
@@ -19,6 +20,7 @@ pub mod generate;
 pub mod generator;
 pub mod health;
 pub mod latency;
+pub mod log;
 pub mod mask;
 pub mod mask_store;
 pub mod realtime;

@@ -3,6 +3,7 @@
 //! A camera that has no mask that can fly is left closed until a command brings another mask; everything else is tried again, at
 //! once at first, then every few seconds. A camera that failed is closed on another thread.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
@@ -17,8 +18,8 @@ use crate::camera::v4l2::V4l2Camera;
 use crate::camera::{Applied, Camera, CameraError, Identity};
 use crate::config::{CameraConfig, Ipc, Source, V4l2};
 use crate::counters::{Counters, add};
-use crate::error::{Error, with_causes};
-use crate::frame_path::{Command, FramePath, Position};
+use crate::error::{Error, panic_text, with_causes};
+use crate::frame_path::{Command, FramePath, Leave, Position};
 use crate::generate::Order;
 use crate::mask::{self, MaskInForce};
 
@@ -45,16 +46,6 @@ pub enum State {
     Refused(Error),
 }
 
-impl State {
-    /// Whether `other` is no news.
-    pub fn says_the_same(&self, other: &State) -> bool {
-        match (self, other) {
-            (State::Waiting(one), State::Waiting(other)) => with_causes(one) == with_causes(other),
-            _ => false,
-        }
-    }
-}
-
 /// A change of state of one camera, by its place in the configuration.
 #[derive(Debug)]
 pub struct Notice {
@@ -62,6 +53,13 @@ pub struct Notice {
     pub camera: usize,
     /// Its new state.
     pub state: State,
+}
+
+impl Notice {
+    /// Whether the camera's thread panicked, and with it lost what it was told to do.
+    pub fn is_panic(&self) -> bool {
+        matches!(self.state, State::Waiting(Error::Panicked { .. }))
+    }
 }
 
 /// Opens the device that a source names, as often as needed.
@@ -152,33 +150,56 @@ impl Supervisor {
             .fulfil_while_closed(order);
     }
 
-    /// Runs until told to stop.
+    /// Runs until told to stop. A panic, of the camera's library or of ours, ends an attempt as an error does: the camera is closed, and
+    /// tried again.
     pub fn run(mut self) {
-        if let Some(mask) = self.first_mask() {
-            self.keep_streaming(mask);
+        let mut mask = None;
+        let mut back_off = BackOff::default();
+        while !self.stopped() {
+            let begin = Instant::now();
+            let published_before = self.published();
+            // What an attempt leaves is valid at every point: the mask is set as a whole, counters are plain numbers.
+            let attempt = catch_unwind(AssertUnwindSafe(|| self.work(&mut mask)));
+            let Err(payload) = attempt else { break };
+            add(&self.counters.failures, 1);
+            if self.published() > published_before {
+                back_off.forget();
+            }
+            let part = "the camera's thread";
+            self.notify(State::Waiting(Error::Panicked { part, cause: panic_text(&*payload) }));
+            self.pause(back_off.after_failure(begin, Instant::now()));
         }
         self.closing.finish();
     }
 
+    fn work(&mut self, mask: &mut Option<MaskInForce>) {
+        if mask.is_none() {
+            *mask = self.first_mask();
+        }
+        if let Some(mask) = mask {
+            self.keep_streaming(mask);
+        }
+    }
+
     /// Opens the camera as often as needed, until told to stop.
-    fn keep_streaming(&mut self, mut mask: MaskInForce) {
+    fn keep_streaming(&mut self, mask: &mut MaskInForce) {
         let mut back_off = BackOff::default();
         while !self.stopped() {
             let begin = Instant::now();
-            let published_before = self.counters.published.load(Ordering::Relaxed);
-            let Err(error) = self.stream(&mut mask, back_off.listening()) else { return };
+            let published_before = self.published();
+            let Err(error) = self.stream(mask, back_off.listening()) else { return };
             let is_absent = matches!(error, Error::Camera(CameraError::Absent { .. }));
             if !is_absent {
                 add(&self.counters.failures, 1);
             }
-            let has_worked = self.counters.published.load(Ordering::Relaxed) > published_before;
+            let has_worked = self.published() > published_before;
             if has_worked || is_absent {
                 back_off.forget();
             }
             if error.is_final() {
                 self.notify(State::Refused(error));
                 match self.next_mask() {
-                    Some(another) => mask = another,
+                    Some(another) => *mask = another,
                     None => return,
                 }
             } else {
@@ -206,6 +227,8 @@ impl Supervisor {
             match self.commands.recv_timeout(PATIENCE) {
                 Ok(Command::Mask(mask)) => return Some(mask),
                 Ok(Command::Generate(order)) => self.fulfil_while_closed(*order),
+                // Looked at when the next publisher is needed.
+                Ok(Command::Republish) => {}
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return None,
             }
@@ -266,27 +289,32 @@ impl Supervisor {
                 slots: self.ipc.slots,
                 position: Position::default(),
             };
-            let order = path.run(&self.stop, || self.notify(State::Streaming(identity)));
+            let left = path.run(&self.stop, || self.notify(State::Streaming(identity)));
             self.publisher = Some(publisher);
-            match order? {
-                Some(order) => {
+            match left? {
+                Leave::Generate(order) => {
                     self.notify(State::Generating);
                     self.fulfil(camera, *order)?;
                 }
-                None => return Ok(()),
+                Leave::Republish => {}
+                Leave::Stop => return Ok(()),
             }
         }
     }
 
-    /// The publisher of this camera. Consumers stay connected to one that still fits; another one must be gone before its successor
-    /// comes.
+    /// The publisher of this camera. Consumers stay connected to one that still fits and that they find; another one must be gone before
+    /// its successor comes.
     fn publisher_for(&mut self, payload_bytes: usize) -> Result<Publisher, Error> {
-        match self.publisher.take().filter(|publisher| publisher.frame_bytes() == payload_bytes) {
-            Some(publisher) => Ok(publisher),
-            None => {
-                Ok(Publisher::create(&self.ipc.settings, &self.camera.name, payload_bytes, self.ipc.loans())?)
-            }
+        let fits = |publisher: &Publisher| {
+            publisher.frame_bytes() == payload_bytes && publisher.footing().is_in_place()
+        };
+        if let Some(publisher) = self.publisher.take().filter(fits) {
+            return Ok(publisher);
         }
+        let Ipc { settings, .. } = &self.ipc;
+        let publisher = Publisher::create(settings, &self.camera.name, payload_bytes, self.ipc.loans())?;
+        self.counters.set_footing(publisher.footing().clone());
+        Ok(publisher)
     }
 
     /// Collects lit frames, and gives the camera its flight settings back before it says so.
@@ -339,6 +367,10 @@ impl Supervisor {
             self.counters.live();
             std::thread::sleep(PATIENCE.min(end.saturating_duration_since(Instant::now())));
         }
+    }
+
+    fn published(&self) -> u64 {
+        self.counters.published.load(Ordering::Relaxed)
     }
 
     fn stopped(&self) -> bool {

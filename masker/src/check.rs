@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::components::{Component, Components};
 use crate::image::GrayImage;
-use crate::mask::{DISCARD, KEEP, Mask, MaskId, grey_px};
+use crate::mask::{DISCARD, KEEP, MAX_RUNS, Mask, MaskId, grey_px, runs};
 
 /// White islets whose bounding box is below this size in both directions, in pixels, look like markers.
 ///
@@ -36,6 +36,11 @@ pub enum Problem {
         /// Width and height of the camera's frames.
         expected: (u32, u32),
     },
+    /// The mask has more than [`MAX_RUNS`] runs.
+    TooManyRuns {
+        /// Number of runs.
+        runs: usize,
+    },
     /// Every pixel is kept; right for a camera that does not see its airframe.
     NothingMasked,
     /// No pixel is kept; the camera would be blind.
@@ -64,7 +69,10 @@ impl Problem {
     #[must_use]
     pub fn severity(&self) -> Severity {
         match self {
-            Self::NotBinary { .. } | Self::WrongSize { .. } | Self::EverythingMasked => Severity::Refused,
+            Self::NotBinary { .. }
+            | Self::WrongSize { .. }
+            | Self::TooManyRuns { .. }
+            | Self::EverythingMasked => Severity::Refused,
             Self::NothingMasked | Self::OverHalfMasked { .. } | Self::Islets { .. } => Severity::Warning,
         }
     }
@@ -83,6 +91,10 @@ impl fmt::Display for Problem {
                 "the mask is {}x{} pixels, the frames are {}x{}; \
                  use the mask made for this camera at this resolution",
                 found.0, found.1, expected.0, expected.1
+            ),
+            Self::TooManyRuns { runs } => write!(
+                f,
+                "{runs} runs of masked pixels, more than {MAX_RUNS}; no airframe is so ragged: draw it in plain shapes"
             ),
             Self::NothingMasked => write!(
                 f,
@@ -145,11 +157,28 @@ impl Report {
 #[must_use]
 pub fn check(gray: &GrayImage, expected: Option<(u32, u32)>) -> Report {
     let (found, grey_px) = (gray.dimensions(), grey_px(gray));
-    // The lowest value that is kept is 1: this masks exactly the pixels that are 0.
-    let mask = Mask::binarised(gray, DISCARD + 1);
     let size =
         expected.filter(|expected| *expected != found).map(|expected| Problem::WrongSize { found, expected });
     let mut problems = Vec::from_iter(size);
+    // The lowest value that is kept is 1: this masks exactly the pixels that are 0.
+    let runs = runs(gray, DISCARD + 1);
+    if runs > MAX_RUNS {
+        // What is ragged beyond use is not taken apart.
+        problems.push(Problem::TooManyRuns { runs });
+        let masked_px = gray.as_raw().iter().filter(|value| **value == DISCARD).count() as u64;
+        let (width, height) = found;
+        return Report {
+            width,
+            height,
+            masked_px,
+            runs,
+            parts: Vec::new(),
+            grey_px,
+            mask_id: MaskId::NONE,
+            problems,
+        };
+    }
+    let mask = Mask::binarised(gray, DISCARD + 1);
     if grey_px > 0 {
         problems.push(Problem::NotBinary { grey_px });
     } else {

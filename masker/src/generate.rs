@@ -56,6 +56,18 @@ pub enum GenerateError {
         /// Width and height of the others.
         expected: (u32, u32),
     },
+    /// Connecting the candidates would take minutes.
+    #[error(
+        "{candidates} candidates at edges with k = {k} neighbours each are more than can be connected in time; raise sigma, \
+         extend the ignored region, or lower k to {}",
+        neighbours::MOST_WORK / candidates
+    )]
+    Work {
+        /// Number of candidates that are not surrounded by others.
+        candidates: usize,
+        /// Neighbours of each.
+        k: u32,
+    },
     /// The k-d tree cannot hold the candidates.
     #[error("the candidates do not fit into a k-d tree; generate from smaller images")]
     Tree(#[source] kiddo::kd_tree::ConstructionError),
@@ -101,11 +113,11 @@ impl Outcome {
     }
 }
 
-/// The published method on one frame, equations 2 to 10. Refuses by equation 6 alone.
+/// The published method on one frame, equations 2 to 10. Refuses by equation 6 alone, and a mask that leaves next to nothing to see.
 ///
 /// # Errors
-/// [`GenerateError::Parameter`] where a parameter is out of its range, [`GenerateError::Tree`] for more candidates
-/// than a tree holds.
+/// [`GenerateError::Parameter`] where a parameter is out of its range, [`GenerateError::Work`] for more candidates than can be
+/// connected in time, [`GenerateError::Tree`] for more than a tree holds.
 pub fn paper(
     image: &GrayImage,
     ignored: &IgnoredRegion,
@@ -229,13 +241,15 @@ mod tests {
         #[test]
         fn no_frame_and_no_parameter_makes_it_panic(
             width in 0_u32..24, height in 0_u32..24, seed in any::<u64>(), sigma in any::<u8>(),
-            eta in 0_u32..4, k in 0_u32..30, tau in any::<f64>(), kappa in any::<u32>(),
+            eta in 0_u32..4, k in 0_u32..30, tau in prop_oneof![4 => 0.0..=Parameters::LARGEST_TAU, 1 => any::<f64>()],
+            kappa in prop_oneof![4 => Parameters::KAPPA, 1 => any::<u32>()],
         ) {
             let image = GrayImage::from_fn(width, height, |x, y| {
                 Luma([(seed.rotate_left((x * 7 + y * 13) % 64) & 0xff) as u8])
             });
             let parameters = Parameters { sigma, eta, leaf: 10, k, tau, kappa };
-            let _ = paper(&image, &IgnoredRegion::default(), &parameters);
+            let outcome = paper(&image, &IgnoredRegion::default(), &parameters);
+            prop_assert_eq!(outcome.is_ok(), parameters.check().is_ok());
         }
     }
 }

@@ -19,6 +19,9 @@ pub const DISCARD: u8 = 0;
 /// Value of a white pixel, one that is kept, in the stored form.
 pub const KEEP: u8 = 255;
 
+/// Most runs of a mask. Masks in use have 150 to 1000.
+pub const MAX_RUNS: usize = 1 << 20;
+
 /// Horizontal run of masked pixels: columns `start` to `start + length - 1` of row `row`, counted from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Run {
@@ -127,6 +130,39 @@ pub enum MaskError {
         /// Value of the first grey pixel.
         value: u8,
     },
+    /// Some pixels are not opaque: what a person sees there is not the value that is stored.
+    #[error("{transparent_px} transparent pixels; flatten the picture: black is discarded, white kept")]
+    Transparent {
+        /// Number of pixels whose alpha is below its maximum.
+        transparent_px: u64,
+    },
+    /// A person sees the image turned or mirrored, while its pixels are taken as they are stored.
+    #[error(
+        "EXIF orientation {orientation}; save the mask upright, as the camera's frames are (orientation 1)"
+    )]
+    Turned {
+        /// The orientation, 2 to 8.
+        orientation: u8,
+    },
+    /// The mask was made for another resolution.
+    #[error(
+        "the mask is {}x{} pixels, the frames are {}x{}; use the mask made for this camera at this resolution",
+        found.0, found.1, expected.0, expected.1
+    )]
+    WrongSize {
+        /// Width and height of the mask.
+        found: (u32, u32),
+        /// Width and height of the camera's frames.
+        expected: (u32, u32),
+    },
+    /// The mask is ragged beyond any airframe: each run costs time in every frame.
+    #[error(
+        "{runs} runs of masked pixels, more than {MAX_RUNS}; no airframe is so ragged: draw it in plain shapes"
+    )]
+    TooManyRuns {
+        /// Number of runs.
+        runs: usize,
+    },
 }
 
 /// Pixels to blank in every frame of one camera.
@@ -143,18 +179,29 @@ impl Mask {
     /// Mask of an image that has only 0 (discard) and 255 (keep).
     ///
     /// # Errors
-    /// [`MaskError::NotBinary`] where a pixel has another value.
+    /// [`MaskError::NotBinary`] where a pixel has another value, [`MaskError::TooManyRuns`] beyond [`MAX_RUNS`].
     pub fn from_gray(gray: &GrayImage) -> Result<Self, MaskError> {
         let mut pixels = gray.enumerate_pixels();
         match pixels.find(|(_, _, Luma([value]))| is_grey(*value)) {
             Some((x, y, Luma([value]))) => {
                 Err(MaskError::NotBinary { grey_px: grey_px(gray), x, y, value: *value })
             }
-            None => Ok(Self::binarised(gray, KEEP)),
+            None => Self::try_binarised(gray, KEEP),
         }
     }
 
-    /// Mask of any image: pixels of at least `threshold` are kept, the others masked.
+    /// Mask of an image from outside: pixels of at least `threshold` are kept, the others masked.
+    ///
+    /// # Errors
+    /// [`MaskError::TooManyRuns`] beyond [`MAX_RUNS`].
+    pub fn try_binarised(gray: &GrayImage, threshold: u8) -> Result<Self, MaskError> {
+        match runs(gray, threshold) {
+            runs if runs > MAX_RUNS => Err(MaskError::TooManyRuns { runs }),
+            _ => Ok(Self::binarised(gray, threshold)),
+        }
+    }
+
+    /// Mask of any image, however ragged: pixels of at least `threshold` are kept, the others masked.
     #[must_use]
     pub fn binarised(gray: &GrayImage, threshold: u8) -> Self {
         let (width, height) = gray.dimensions();
@@ -234,6 +281,15 @@ impl Mask {
         self.blank(&mut gray, self.width as usize, 1);
         gray
     }
+}
+
+/// Number of runs of pixels below `threshold`.
+pub(crate) fn runs(gray: &GrayImage, threshold: u8) -> usize {
+    let begins = |row: &[u8]| {
+        let first = usize::from(row.first().is_some_and(|value| *value < threshold));
+        first + row.windows(2).filter(|pair| pair[0] >= threshold && pair[1] < threshold).count()
+    };
+    gray.as_raw().chunks_exact(gray.width().max(1) as usize).map(begins).sum()
 }
 
 /// Number of pixels that are neither 0 nor 255.

@@ -243,10 +243,12 @@ proptest! {
     #[test]
     fn no_frames_make_it_panic(
         width in 0_u32..40, height in 0_u32..40, frames in proptest::collection::vec(any::<u64>(), 0..6),
-        kappa in any::<u32>(), eta in 0_u32..9, sigma in any::<u8>(),
+        kappa in prop_oneof![4 => Parameters::KAPPA, 1 => any::<u32>()], eta in 0_u32..9, sigma in any::<u8>(),
     ) {
         let parameters = Parameters { kappa, eta, sigma, ..Parameters::default() };
-        let mut accumulator = Accumulator::new(width, height, &IgnoredRegion::default(), &parameters).unwrap();
+        let accumulator = Accumulator::new(width, height, &IgnoredRegion::default(), &parameters);
+        prop_assert_eq!(accumulator.is_ok(), Parameters::KAPPA.contains(&kappa));
+        let Ok(mut accumulator) = accumulator else { return Ok(()) };
         for seed in frames {
             let value = |x: u32, y: u32| (seed.rotate_left((x * 7 + y * 13) % 64) & 0xff) as u8;
             accumulator.add(&GrayImage::from_fn(width, height, |x, y| Luma([value(x, y)]))).unwrap();

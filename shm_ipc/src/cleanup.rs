@@ -1,23 +1,30 @@
 //! What killed programs leave behind.
+//!
+//! Files of other users are left alone: they are neither opened nor removed.
 
-use std::fs;
+use std::collections::HashSet;
+use std::fs::{self, DirEntry, Metadata};
 use std::os::unix::fs::PermissionsExt;
-use std::path::PathBuf;
-use std::time::Duration;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
 use iceoryx2::config::Config;
 use iceoryx2::node::{DeadNodeView, Node, NodeDetails, NodeState, NodeView};
 use iceoryx2::prelude::CallbackProgression;
 
-use crate::service::{Ipc, quieten};
+use crate::log::quieten;
+use crate::premises::{check_owner, is_foreign};
+use crate::service::Ipc;
 use crate::settings::{SHARED_MEMORY, Settings};
 
 /// Age at which a file that is not finished will never be: to finish it takes microseconds.
 const HALF_MADE: Duration = Duration::from_secs(1);
-/// Mode of a service description that is being written: iceoryx2 takes its own right to write away when it has finished.
+/// Mode of a description that is being written: iceoryx2 takes its own right to write away when it has finished.
 const UNFINISHED_DESCRIPTION: u32 = 0o600;
 /// Mode of every other file that is being written: iceoryx2 gives itself the right to read when it has finished.
 const UNFINISHED: u32 = 0o200;
+/// End of the name of what a node makes first and removes last. In between there is the file that tells whether it is alive.
+const CONTEXT: &str = "_context";
 
 /// Releases what killed programs left behind: their places among the consumers, the slots they held, their files. Returns how
 /// many programs there were.
@@ -29,9 +36,10 @@ pub fn cleanup_dead_nodes(settings: &Settings) -> usize {
 
 pub(crate) fn cleanup(config: &Config) -> usize {
     quieten();
-    if half_made(config).is_some() {
+    if check_owner(config).is_err() || half_made(config).is_some() {
         return 0;
     }
+    sweep(config);
     let mut cleaned = 0;
     // An error leaves nodes for the next call, like a node that another process is just cleaning.
     let _ = Node::<Ipc>::list(config, |state| {
@@ -56,31 +64,98 @@ pub(crate) fn half_made(config: &Config) -> Option<PathBuf> {
     let services = (global.service_dir().to_string(), UNFINISHED_DESCRIPTION);
     let nodes = (global.node_dir().to_string(), UNFINISHED);
     let shared_memory = (SHARED_MEMORY.to_owned(), UNFINISHED);
-    let folders = [services, nodes, shared_memory].into_iter();
-    // A folder that is not there, or a file that another program has removed, is none that is half made.
-    let files = folders
-        .flat_map(|(folder, mode)| Some(fs::read_dir(folder).ok()?.flatten().map(move |file| (file, mode))));
     let mut young = None;
-    for (file, unfinished) in files.flatten() {
-        let name = file.file_name();
-        // A slot segment takes its time, and is found through its owner alone.
-        let is_concerned = name.to_str().is_some_and(|name| {
-            name.starts_with(global.prefix.as_str())
-                && !name.ends_with(global.service.data_segment_suffix.as_str())
-        });
-        if !is_concerned {
-            continue;
-        }
-        let Ok(found) = file.metadata() else { continue };
-        if !found.is_file() || found.permissions().mode() & 0o777 != unfinished {
-            continue;
-        }
-        let age = found.modified().ok().and_then(|modified| modified.elapsed().ok());
-        if age.is_some_and(|age| age > HALF_MADE) {
-            let _ = fs::remove_file(file.path());
-        } else {
-            young = Some(file.path());
+    for (folder, unfinished) in [services, nodes, shared_memory] {
+        for (file, found) in ours(config, folder.as_ref()) {
+            // A slot segment takes its time, and is found through its owner alone.
+            let is_segment = name(&file).ends_with(global.service.data_segment_suffix.as_str());
+            if is_segment || !is_unfinished(&found, unfinished) {
+                continue;
+            }
+            if is_old(&found) {
+                let _ = fs::remove_file(file.path());
+            } else {
+                young = Some(file.path());
+            }
         }
     }
     young
+}
+
+/// Removes slot segments that this program, which signed in as `node`, made and could not map: iceoryx2 leaves their files.
+pub(crate) fn forget_segments(config: &Config, node: u128) {
+    let suffix = config.global.service.data_segment_suffix;
+    let Ok(maps) = fs::read_to_string("/proc/self/maps") else { return };
+    for (file, _) in ours(config, SHARED_MEMORY.as_ref()) {
+        let name = name(&file);
+        let number =
+            name.strip_suffix(suffix.as_str()).and_then(|stem| stem.rsplit('_').next()?.parse().ok());
+        // Numbers of iceoryx2 hold the program's own in these bits.
+        let is_mine = number.is_some_and(|number: u128| (number >> 64) as u32 == (node >> 64) as u32);
+        if is_mine && !maps.contains(&name) {
+            let _ = fs::remove_file(file.path());
+        }
+    }
+}
+
+/// Removes what is left of nodes whose program was killed while it signed in or out: iceoryx2 does not find these, or cannot remove them.
+fn sweep(config: &Config) {
+    let nodes = PathBuf::from(config.global.node_dir().to_string());
+    let suffix = config.global.node.monitor_suffix;
+    // Of every prefix: a node's folder is named by its number alone.
+    let names: HashSet<String> =
+        fs::read_dir(&nodes).into_iter().flatten().flatten().map(|file| name(&file)).collect();
+    for (file, _) in ours(config, &nodes).filter(|(_, found)| is_old(found)) {
+        let own = name(&file);
+        let Some((node, _)) = own.rsplit_once(suffix.as_str()) else { continue };
+        let is_whole = ["", CONTEXT].iter().all(|end| nodes.join(format!("{node}{suffix}{end}")).exists());
+        if !is_whole {
+            let _ = fs::remove_file(file.path());
+        }
+    }
+    let folders = fs::read_dir(&nodes).into_iter().flatten().flatten();
+    for folder in folders.filter(|folder| folder.file_type().is_ok_and(|kind| kind.is_dir())) {
+        let monitor = format!("{}{suffix}", name(&folder));
+        let is_ours = nodes.join(format!("{}{monitor}", config.global.prefix)).exists();
+        sweep_folder(config, &folder, !is_ours && !names.iter().any(|name| name.contains(&monitor)));
+    }
+}
+
+/// Removes half-made descriptions of a node, and all of a node that is no more.
+fn sweep_folder(config: &Config, folder: &DirEntry, is_orphan: bool) {
+    // Before it changes by what is removed from it.
+    let is_gone = is_orphan && folder.metadata().is_ok_and(|found| is_old(&found));
+    for (file, found) in ours(config, &folder.path()) {
+        if is_old(&found) && (is_orphan || is_unfinished(&found, UNFINISHED_DESCRIPTION)) {
+            let _ = fs::remove_file(file.path());
+        }
+    }
+    if is_gone {
+        // Not where another prefix has files there.
+        let _ = fs::remove_dir(folder.path());
+    }
+}
+
+/// The files of this prefix and user in a folder. One that is not there, and a file that another program has removed, are none.
+fn ours(config: &Config, folder: &Path) -> impl Iterator<Item = (DirEntry, Metadata)> {
+    let prefix = config.global.prefix;
+    let files = fs::read_dir(folder).into_iter().flatten().flatten();
+    files.filter_map(move |file| {
+        let found = name(&file).starts_with(prefix.as_str()).then(|| file.metadata().ok())??;
+        (found.is_file() && !is_foreign(&found)).then_some((file, found))
+    })
+}
+
+fn name(file: &DirEntry) -> String {
+    file.file_name().to_string_lossy().into_owned()
+}
+
+fn is_unfinished(found: &Metadata, mode: u32) -> bool {
+    found.permissions().mode() & 0o777 == mode
+}
+
+/// Whether a file will not change any more. One of the future was made before the clock was set back.
+fn is_old(found: &Metadata) -> bool {
+    let age = found.modified().map(|modified| SystemTime::now().duration_since(modified));
+    age.is_ok_and(|age| age.map_or(true, |age| age > HALF_MADE))
 }

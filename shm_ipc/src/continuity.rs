@@ -44,4 +44,5 @@ impl Continuity {
 }
 
 #[cfg(test)]
+#[path = "continuity/tests.rs"]
 mod tests;

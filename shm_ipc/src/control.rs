@@ -15,9 +15,11 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::builder::request_response::RequestResponseOpenError;
 use iceoryx2::service::port_factory::request_response;
 
-use crate::cleanup::cleanup;
+use crate::cleanup::{cleanup, forget_segments};
 use crate::error::IpcError;
+use crate::footing::{Footing, Held};
 use crate::header::CONTRACT_VERSION;
+use crate::premises;
 use crate::service::{Address, Ipc};
 use crate::settings::Settings;
 
@@ -26,9 +28,11 @@ type Service = request_response::PortFactory<Ipc, [u8], (), [u8], ()>;
 /// Longest question and longest answer, bytes.
 pub const LONGEST_TEXT: usize = 256 * 1024;
 /// Answers that wait for a client that does not look.
-const BUFFER: usize = 64;
+const BUFFER: usize = 16;
 /// Clients at the same time.
 const CLIENTS: usize = 4;
+/// Address space of the answers: of each client's question, twice as many as wait for it, and some that are being written.
+const MAPPED_BYTES: u64 = (4 * CLIENTS * (BUFFER + 2) * LONGEST_TEXT) as u64;
 /// How long [`ControlServer::create`] waits for a predecessor to go.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// Time between a client's looks for an answer.
@@ -46,6 +50,7 @@ pub struct ControlServer {
     _service: Service,
     _node: Node<Ipc>,
     address: Address,
+    footing: Footing,
 }
 
 /// A question, to be answered any number of times. Dropped, it is over.
@@ -57,7 +62,7 @@ pub struct Question {
 /// The end of whoever asks.
 pub struct ControlClient {
     client: Client<Ipc, [u8], (), [u8], ()>,
-    _service: Service,
+    _service: Held<Service>,
     _node: Node<Ipc>,
     address: Address,
 }
@@ -87,7 +92,7 @@ impl ControlServer {
     pub fn create(settings: &Settings, camera: &str) -> Result<ControlServer, IpcError> {
         let give_up = Instant::now() + PATIENCE;
         loop {
-            match ControlServer::try_create(settings, camera) {
+            match ControlServer::create_at_once(settings, camera) {
                 Err(IpcError::AlreadyPublishing(_) | IpcError::System { .. }) if Instant::now() < give_up => {
                     std::thread::sleep(NAP);
                 }
@@ -96,10 +101,16 @@ impl ControlServer {
         }
     }
 
-    fn try_create(settings: &Settings, camera: &str) -> Result<ControlServer, IpcError> {
-        let (address, node, name) = enter(settings, camera)?;
+    /// The same, without waiting for a predecessor.
+    ///
+    /// # Errors
+    /// As [`ControlServer::create`].
+    pub fn create_at_once(settings: &Settings, camera: &str) -> Result<ControlServer, IpcError> {
+        let (address, name) = address(settings, camera)?;
         // A predecessor that was killed gives its place to this one.
         cleanup(&address.config);
+        let node = address.node_with_room_for(premises::FILES + CLIENTS as u64, MAPPED_BYTES)?;
+        address.clear_description(&name, MessagingPattern::RequestResponse);
         let service = builder(&node, &name)
             .max_servers(1)
             .max_clients(CLIENTS)
@@ -117,11 +128,27 @@ impl ControlServer {
             .allocation_strategy(AllocationStrategy::Static)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
-            .map_err(|source| address.failed("creating the server of", name.as_str(), source))?;
-        Ok(ControlServer { server, _service: service, _node: node, address })
+            .map_err(|source| {
+                forget_segments(&address.config, node.id().value());
+                address.failed("creating the server of", name.as_str(), source)
+            })?;
+        let marks = [
+            service.unique_service_id().value().to_string(),
+            service.service_hash().to_string(),
+            server.id().value().to_string(),
+            node.id().value().to_string(),
+        ];
+        let footing = address.footing(&marks);
+        address.take_small_files()?;
+        Ok(ControlServer { server, _service: service, _node: node, address, footing })
     }
 
-    /// The next question, or `None` where there is none. Never waits.
+    /// The files that clients find this server by. Where one is no longer in place, this server is to be dropped, and another one made.
+    pub fn footing(&self) -> &Footing {
+        &self.footing
+    }
+
+    /// The next question, or `None` where there is none; one beyond [`LONGEST_TEXT`] is cut. Never waits.
     ///
     /// # Errors
     /// [`IpcError::System`] where iceoryx2 fails.
@@ -130,7 +157,8 @@ impl ControlServer {
         let request = received
             .map_err(|source| self.address.failed("receiving from", "the control service", source))?;
         Ok(request.map(|request| {
-            let text = String::from_utf8_lossy(request.payload()).into_owned();
+            let payload = request.payload();
+            let text = String::from_utf8_lossy(payload.get(..LONGEST_TEXT).unwrap_or(payload)).into_owned();
             Question { text, request }
         }))
     }
@@ -145,6 +173,10 @@ impl Question {
     /// Gives an answer; more may follow. Returns whether somebody still waits for it. An answer beyond [`LONGEST_TEXT`] is cut.
     pub fn answer(&self, text: &str) -> bool {
         let bytes = text.as_bytes().get(..text.len().min(LONGEST_TEXT)).unwrap_or_default();
+        // Memory of answers is taken when it is first written.
+        if premises::check_room(bytes.len() as u64).is_err() {
+            return false;
+        }
         let sent =
             self.request.loan_slice_uninit(bytes.len()).map(|answer| answer.write_from_slice(bytes).send());
         matches!(sent, Ok(Ok(()))) && self.request.is_connected()
@@ -162,9 +194,10 @@ impl ControlClient {
     /// # Errors
     /// [`IpcError`]: a setting or camera name that cannot be, files of another user, a driver of another version.
     pub fn open(settings: &Settings, camera: &str) -> Result<Option<ControlClient>, IpcError> {
-        let (address, node, name) = enter(settings, camera)?;
+        let (address, name) = address(settings, camera)?;
         // A driver that was killed must not be taken for one that runs.
         cleanup(&address.config);
+        let Some(node) = address.visiting_node()? else { return Ok(None) };
         let service = match builder(&node, &name).open() {
             Ok(service) => service,
             Err(
@@ -184,19 +217,27 @@ impl ControlClient {
             .allocation_strategy(AllocationStrategy::Static)
             .create()
             .map_err(|source| address.failed("creating the client of", name.as_str(), source))?;
-        Ok(Some(ControlClient { client, _service: service, _node: node, address }))
+        address.take_small_files()?;
+        Ok(Some(ControlClient {
+            client,
+            _service: Held::new(service, &address.config),
+            _node: node,
+            address,
+        }))
     }
 
     /// Asks. One question at a time.
     ///
     /// # Errors
-    /// [`IpcError::System`] where the text is longer than [`LONGEST_TEXT`] or iceoryx2 fails.
+    /// [`IpcError::System`] where the text is longer than [`LONGEST_TEXT`] or iceoryx2 fails, [`IpcError::NoRoom`] where `/dev/shm` is
+    /// full.
     pub fn ask(&self, text: &str) -> Result<Answers, IpcError> {
         let failed = |source: Box<dyn std::error::Error + Send + Sync>| IpcError::System {
             doing: "asking",
             on: format!("the driver of camera \"{}\"", self.address.camera),
             source,
         };
+        premises::check_room(text.len() as u64)?;
         let request = self.client.loan_slice_uninit(text.len()).map_err(|source| failed(Box::new(source)))?;
         let pending =
             request.write_from_slice(text.as_bytes()).send().map_err(|source| failed(Box::new(source)))?;
@@ -224,12 +265,10 @@ impl Answers {
     }
 }
 
-fn enter(settings: &Settings, camera: &str) -> Result<(Address, Node<Ipc>, ServiceName), IpcError> {
+fn address(settings: &Settings, camera: &str) -> Result<(Address, ServiceName), IpcError> {
     let address = Address::new(settings, camera)?;
     let name = ServiceName::new(&control_service_name(camera));
-    let name = name.map_err(|_| IpcError::CameraName(camera.to_owned()))?;
-    let node = address.node()?;
-    Ok((address, node, name))
+    Ok((address, name.map_err(|_| IpcError::CameraName(camera.to_owned()))?))
 }
 
 fn builder(

@@ -25,7 +25,7 @@ pub enum IpcError {
     },
     /// The memory of one camera does not fit. To write to shared memory that is not there ends a process with SIGBUS.
     #[error(
-        "/dev/shm has {} MB free, camera \"{camera}\" needs {} MB ({slots} slots): enlarge /dev/shm, or lower max_subscribers, buffer or borrowed",
+        "/dev/shm has {} MB free, camera \"{camera}\" needs {} MB ({slots} slots): enlarge /dev/shm (sudo mount -o remount,size=... /dev/shm; a container: --shm-size or --ipc=host), or lower max_subscribers, buffer or borrowed",
         free_bytes / 1_000_000,
         need_bytes.div_ceil(1_000_000)
     )]
@@ -41,7 +41,7 @@ pub enum IpcError {
     },
     /// The system does not map the memory of one camera.
     #[error(
-        "camera \"{camera}\" needs {} MB of shared memory that cannot be mapped ({source}): where memory is locked, raise its limit (LimitMEMLOCK, ulimit -l)",
+        "camera \"{camera}\" needs {} MB of shared memory that cannot be mapped ({source}): raise the limit of address space (ulimit -v, LimitAS) and, where memory is locked, of locked memory (ulimit -l, LimitMEMLOCK)",
         need_bytes.div_ceil(1_000_000)
     )]
     NotMapped {
@@ -77,13 +77,76 @@ pub enum IpcError {
         "consumer of camera \"{0}\" holds as many frames as it may: drop one, or raise borrowed of the driver"
     )]
     TooManyHeld(String),
-    /// The files belong to somebody else.
-    #[error("no access to {} or to its shared memory: run driver and consumers as the user who owns it", root_path.display())]
+    /// `root_path` belongs to another user.
+    #[error(
+        "{place} belongs to user {owner}, this program runs as {user}: run driver and consumers as one user (sudo -u {owner} ...), or remove it where nobody uses it (sudo rm -r {place})",
+        place = root_path.display()
+    )]
     Permission {
         /// Folder of the service files.
         root_path: PathBuf,
-        /// What iceoryx2 reported.
-        source: Box<dyn Error + Send + Sync>,
+        /// Whose it is: a name, or a number without one.
+        owner: String,
+        /// As whom this program runs.
+        user: String,
+    },
+    /// A file that others find by its name belongs to another user, who could change it at any time.
+    #[error("{} belongs to user {owner} and is not used: have it removed (sudo rm {}), or use another prefix", file.display(), file.display())]
+    Foreign {
+        /// The file.
+        file: PathBuf,
+        /// Whose it is: a name, or a number without one.
+        owner: String,
+    },
+    /// A folder that is needed is absent, read-only, or closed to this user.
+    #[error("{} cannot be written ({source}): {remedy}", place.display())]
+    Unwritable {
+        /// The folder.
+        place: PathBuf,
+        /// What mends it.
+        remedy: String,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// Nobody can sign in: the small files that it takes do not fit. To write to shared memory that is not there ends a process with
+    /// SIGBUS.
+    #[error(
+        "/dev/shm is full: {} kB and {free_files} files free, {} kB needed: remove what fills it (ls -lS /dev/shm), or enlarge it (sudo mount -o remount,size=... /dev/shm; a container: --shm-size or --ipc=host)",
+        free_bytes / 1000,
+        need_bytes.div_ceil(1000)
+    )]
+    NoRoom {
+        /// Bytes needed.
+        need_bytes: u64,
+        /// Bytes free.
+        free_bytes: u64,
+        /// Files that can still be made.
+        free_files: u64,
+    },
+    /// A limit of open files leaves too few.
+    #[error(
+        "at most {limit} files may be open, {open} are, {need} more are needed: raise the limit (ulimit -n {enough}, LimitNOFILE={enough})",
+        enough = limit.saturating_add(*need).max(1024)
+    )]
+    TooFewFiles {
+        /// The limit.
+        limit: u64,
+        /// How many are open.
+        open: u64,
+        /// How many more are needed.
+        need: u64,
+    },
+    /// A limit of address space leaves too little.
+    #[error(
+        "{} MB more may be mapped, {} MB are needed: raise the limit of address space (ulimit -v unlimited, LimitAS=infinity)",
+        left_bytes / 1_000_000,
+        need_bytes.div_ceil(1_000_000)
+    )]
+    AddressSpace {
+        /// Bytes that may still be mapped.
+        left_bytes: u64,
+        /// Bytes needed.
+        need_bytes: u64,
     },
     /// A frame was to be published with a header that does not describe it.
     #[error("frame not published: {0}")]
@@ -98,6 +161,20 @@ pub enum IpcError {
         /// What was reported.
         source: Box<dyn Error + Send + Sync>,
     },
+}
+
+impl IpcError {
+    /// Whether it may pass by itself: files that others just make or remove come and go, space and limits are given back.
+    pub(crate) fn may_pass(&self) -> bool {
+        matches!(
+            self,
+            IpcError::System { .. }
+                | IpcError::NoRoom { .. }
+                | IpcError::Unwritable { .. }
+                | IpcError::TooFewFiles { .. }
+                | IpcError::AddressSpace { .. }
+        )
+    }
 }
 
 /// Why a publisher has no slot to give.

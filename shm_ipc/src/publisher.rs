@@ -18,14 +18,16 @@ use iceoryx2::prelude::*;
 use iceoryx2::sample_mut::SampleMut;
 use rustix::fs::statvfs;
 
-use crate::cleanup::{cleanup, half_made};
+use crate::cleanup::{cleanup, forget_segments, half_made};
 use crate::clock::{monotonic_ns, realtime_ns};
 use crate::error::{IpcError, LoanError};
+use crate::footing::Footing;
 use crate::header::FrameHeader;
+use crate::premises;
 use crate::production::Production;
 use crate::resident;
 use crate::service::{Address, FrameService, Ipc, WakeService};
-use crate::settings::{SHARED_MEMORY, Settings, shared_memory_needed, slots_needed};
+use crate::settings::{ROOM_BYTES, SHARED_MEMORY, Settings, shared_memory_needed, slots_needed};
 use crate::wake_word::WakeWord;
 
 /// How long [`Publisher::create`] waits for a predecessor to go and for consumers to let go of services that do not fit.
@@ -47,6 +49,7 @@ pub struct Publisher {
     loans: usize,
     /// Locked by who publishes, which is one thread.
     production: Mutex<Production>,
+    footing: Footing,
 }
 
 impl Publisher {
@@ -90,7 +93,7 @@ impl Publisher {
             return Err(IpcError::System { doing: "waiting for another program to finish", on, source });
         }
         cleanup(&address.config);
-        let node = address.node()?;
+        let node = address.node_with_room_for(open_files(settings), premises::MAPPED_BYTES)?;
         let (frames, wake) = address.create(&node, settings)?;
         if frames.dynamic_config().number_of_publishers() > 0 {
             return Err(IpcError::AlreadyPublishing(address.camera));
@@ -109,11 +112,10 @@ impl Publisher {
                 PublisherCreateError::ExceedsMaxSupportedPublishers => {
                     IpcError::AlreadyPublishing(address.camera.clone())
                 }
-                PublisherCreateError::UnableToCreateDataSegment => IpcError::NotMapped {
-                    camera: address.camera.clone(),
-                    need_bytes,
-                    source: Box::new(source),
-                },
+                PublisherCreateError::UnableToCreateDataSegment => {
+                    forget_segments(&address.config, node.id().value());
+                    not_mapped(&address.camera, need_bytes, Box::new(source))
+                }
                 _ => address.failed("creating the publisher of", address.frames_name(), source),
             })?;
         let notifier = wake
@@ -121,11 +123,23 @@ impl Publisher {
             .create()
             .map_err(|source| address.failed("creating the notifier of", address.wake_name(), source))?;
         let path = address.wake_word();
+        premises::check_ours(&path)?;
         let wake_word = WakeWord::create(&path).map_err(|source| {
             address.failed("creating the wake word", &path.display().to_string(), source)
         })?;
         let production = Production::resume(wake_word.kept(), realtime_ns());
+        let marks = [
+            frames.unique_service_id().value().to_string(),
+            frames.service_hash().to_string(),
+            wake.unique_service_id().value().to_string(),
+            wake.service_hash().to_string(),
+            publisher.id().value().to_string(),
+            node.id().value().to_string(),
+        ];
+        let mut footing = address.footing(&marks);
+        footing.add(path);
         let publisher = Publisher {
+            footing,
             wake_word,
             notifier,
             publisher,
@@ -137,6 +151,7 @@ impl Publisher {
             production: Mutex::new(production),
         };
         publisher.take_memory()?;
+        publisher.address.take_small_files()?;
         Ok(publisher)
     }
 
@@ -226,6 +241,12 @@ impl Publisher {
         self.frames.dynamic_config().number_of_subscribers()
     }
 
+    /// The files that consumers find this publisher by. Where one is no longer in place, this publisher is to be dropped, and another one
+    /// made.
+    pub fn footing(&self) -> &Footing {
+        &self.footing
+    }
+
     /// Bytes of one slot.
     pub fn frame_bytes(&self) -> usize {
         self.frame_bytes
@@ -255,6 +276,15 @@ fn may_pass(error: &IpcError) -> bool {
     )
 }
 
+/// Files that a publisher has open once all consumers that there can be are connected.
+fn open_files(settings: &Settings) -> u64 {
+    premises::FILES.saturating_add(2 * settings.max_subscribers as u64)
+}
+
+fn not_mapped(camera: &str, need_bytes: u64, source: Box<dyn Error + Send + Sync>) -> IpcError {
+    IpcError::NotMapped { camera: camera.to_owned(), need_bytes, source }
+}
+
 /// Refuses with figures before memory is taken.
 fn check_space(
     camera: &str,
@@ -276,8 +306,15 @@ fn check_space(
         source: Box::new(source),
     })?;
     let free_bytes = free.f_bavail.saturating_mul(free.f_frsize);
-    if need_bytes > free_bytes {
+    // Consumers need some room as well.
+    let need_free_bytes = need_bytes.saturating_add(ROOM_BYTES);
+    if need_free_bytes > free_bytes {
+        let need_bytes = need_free_bytes;
         return Err(IpcError::SharedMemoryFull { camera: camera.to_owned(), slots, need_bytes, free_bytes });
+    }
+    if let Some(left_bytes) = premises::address_space_left().filter(|left_bytes| *left_bytes < need_bytes) {
+        let source = format!("{} MB of address space are left", left_bytes / 1_000_000);
+        return Err(not_mapped(camera, need_bytes, source.into()));
     }
     Ok(need_bytes)
 }

@@ -1,7 +1,7 @@
 //! The two services of a camera: their names, how they are made, found and cleaned up.
 
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-use std::sync::Once;
 use std::time::Duration;
 
 use iceoryx2::config::Config;
@@ -15,7 +15,11 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 
 use crate::cleanup::half_made;
 use crate::error::IpcError;
+use crate::footing::Footing;
 use crate::header::{CONTRACT_VERSION, FrameHeader};
+use crate::log::quieten;
+use crate::premises;
+use crate::resident;
 use crate::settings::{SHARED_MEMORY, Settings, is_name};
 
 /// Ports behind a mutex, so that slots and frames may go from thread to thread; 0.2 us a call over `ipc` where the cache is warm.
@@ -52,6 +56,7 @@ impl Address {
         }
         let frames = ServiceName::new(&frame_service_name(camera)).map_err(|_| wrong())?;
         let wake = ServiceName::new(&wake_service_name(camera)).map_err(|_| wrong())?;
+        premises::check_owner(&config)?;
         Ok(Address { camera: camera.to_owned(), config, frames, wake })
     }
 
@@ -63,14 +68,44 @@ impl Address {
         Ok(address)
     }
 
-    /// Signs this program in.
+    /// Signs this program in, where all is there that it relies on.
     pub(crate) fn node(&self) -> Result<Node<Ipc>, IpcError> {
+        self.node_with_room_for(premises::FILES, premises::MAPPED_BYTES)
+    }
+
+    /// The same for a program that is about to open as many files and to map as much.
+    pub(crate) fn node_with_room_for(&self, files: u64, mapped_bytes: u64) -> Result<Node<Ipc>, IpcError> {
+        premises::check(&self.config, files, mapped_bytes)?;
         let builder =
             NodeBuilder::new().config(&self.config).signal_handling_mode(SignalHandlingMode::Disabled);
-        builder.create().map_err(|source| match source {
-            iceoryx2::node::NodeCreationFailure::InsufficientPermissions => self.permission(source),
+        let node = builder.create().map_err(|source| match source {
+            iceoryx2::node::NodeCreationFailure::InsufficientPermissions => self.permission(),
             _ => self.failed("signing in at", self.root_path(), source),
+        });
+        premises::close_management(&self.config);
+        node
+    }
+
+    /// Signs a consumer in; `None` where there is no `root_path`, so that no driver runs. Who only looks for one makes nothing.
+    pub(crate) fn visiting_node(&self) -> Result<Option<Node<Ipc>>, IpcError> {
+        if premises::has_root_path(&self.config) {
+            return self.node().map(Some);
+        }
+        premises::check_shared_memory()?;
+        Ok(None)
+    }
+
+    /// Takes the memory of all small files that were just made or opened, so that nobody meets their absence later.
+    pub(crate) fn take_small_files(&self) -> Result<(), IpcError> {
+        resident::make_small_files_present(self.config.global.prefix.as_str()).map_err(|source| {
+            let full = premises::check_room(0).err();
+            full.unwrap_or_else(|| self.failed("taking the memory of files in", SHARED_MEMORY, source))
         })
+    }
+
+    /// The files that others find these services, ports and nodes by.
+    pub(crate) fn footing(&self, marks: &[String]) -> Footing {
+        Footing::of(&self.config, marks)
     }
 
     /// The driver's side: makes the services, or opens them where consumers hold them from before.
@@ -79,6 +114,8 @@ impl Address {
         node: &Node<Ipc>,
         settings: &Settings,
     ) -> Result<(FrameService, WakeService), IpcError> {
+        self.clear_description(&self.frames, MessagingPattern::PublishSubscribe);
+        self.clear_description(&self.wake, MessagingPattern::Event);
         // Room for killed programs that nobody cleaned up yet.
         let max_nodes = 2 * settings.max_subscribers + 2;
         let frames = node
@@ -142,7 +179,22 @@ impl Address {
     /// Whether `frames` is still the service that others find under this name.
     pub(crate) fn leads_to(&self, frames: &FrameService) -> bool {
         let details = Ipc::details(&self.frames, &self.config, MessagingPattern::PublishSubscribe);
-        matches!(details, Ok(Some(found)) if found.static_details.unique_service_id() == frames.unique_service_id())
+        matches!(details, Ok(Some(found)) if found.dynamic_details.is_some()
+            && found.static_details.unique_service_id() == frames.unique_service_id())
+    }
+
+    /// The driver's side: removes the description of a service whose register is gone, which can be neither opened nor made anew.
+    pub(crate) fn clear_description(&self, service: &ServiceName, pattern: MessagingPattern) {
+        if let Ok(Some(found)) = Ipc::details(service, &self.config, pattern)
+            && found.dynamic_details.is_none()
+        {
+            let global = &self.config.global;
+            let hash = found.static_details.service_hash();
+            let suffix = global.service.static_config_storage_suffix;
+            let name = format!("{}{hash}{suffix}", global.prefix);
+            // What cannot be removed fails when the service is made.
+            let _ = std::fs::remove_file(Path::new(&global.service_dir().to_string()).join(name));
+        }
     }
 
     pub(crate) fn failed(
@@ -162,17 +214,20 @@ impl Address {
         self.wake.as_str()
     }
 
-    /// The page of the camera's wake word.
+    /// The page of the camera's wake word. `root_path`, which is there when it is needed, may have several paths, in containers and by links.
     pub(crate) fn wake_word(&self) -> PathBuf {
-        Path::new(SHARED_MEMORY).join(format!("{}{}.wake", self.config.global.prefix, self.camera))
+        let (device, inode) =
+            std::fs::metadata(self.root_path()).map_or((0, 0), |found| (found.dev(), found.ino()));
+        let prefix = self.config.global.prefix;
+        Path::new(SHARED_MEMORY).join(format!("{prefix}{}.{device:x}-{inode:x}.wake", self.camera))
     }
 
     fn root_path(&self) -> &str {
         self.config.global.root_path().as_str()
     }
 
-    fn permission(&self, source: impl std::error::Error + Send + Sync + 'static) -> IpcError {
-        IpcError::Permission { root_path: self.root_path().into(), source: Box::new(source) }
+    fn permission(&self) -> IpcError {
+        premises::no_access(&self.config)
     }
 
     fn incompatible(
@@ -187,7 +242,7 @@ impl Address {
         use PublishSubscribeOpenOrCreateError::{PublishSubscribeCreateError, PublishSubscribeOpenError};
         match source {
             PublishSubscribeOpenError(open) => self.frames_not_opened(open),
-            PublishSubscribeCreateError(CreateFrames::InsufficientPermissions) => self.permission(source),
+            PublishSubscribeCreateError(CreateFrames::InsufficientPermissions) => self.permission(),
             _ => self.failed("creating service", self.frames.as_str(), source),
         }
     }
@@ -202,7 +257,7 @@ impl Address {
     fn frames_not_opened(&self, source: OpenFrames) -> IpcError {
         use OpenFrames::*;
         match source {
-            InsufficientPermissions => self.permission(source),
+            InsufficientPermissions => self.permission(),
             ExceedsMaxNumberOfNodes => IpcError::TooManyConsumers(self.frames.as_str().to_owned()),
             IncompatibleTypes
             | IncompatibleMessagingPattern
@@ -222,7 +277,7 @@ impl Address {
     fn wake_not_opened(&self, source: OpenWake) -> IpcError {
         use OpenWake::*;
         match source {
-            InsufficientPermissions => self.permission(source),
+            InsufficientPermissions => self.permission(),
             ExceedsMaxNumberOfNodes => IpcError::TooManyConsumers(self.wake.as_str().to_owned()),
             IncompatibleMessagingPattern
             | VersionMismatch
@@ -233,11 +288,4 @@ impl Address {
             _ => self.failed("opening service", self.wake.as_str(), source),
         }
     }
-}
-
-/// iceoryx2 writes to stderr, also from a thread that flies, and panics where that fails; here, what matters comes back as an error.
-/// `IOX2_LOG_LEVEL` brings it back.
-pub(crate) fn quieten() {
-    static ONCE: Once = Once::new();
-    ONCE.call_once(|| set_log_level_from_env_or(LogLevel::Fatal));
 }

@@ -17,6 +17,9 @@ const LONGEST_PATHS: usize = 60;
 /// Where iceoryx2 keeps its memory.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 
+/// What must be free in `/dev/shm` for anybody to sign in: some pages, and never more than a tenth of this.
+pub(crate) const ROOM_BYTES: u64 = 1 << 20;
+
 /// How long a service or connection that another program is just making may take to be finished. Bounds what a program killed in
 /// between costs those who come after it.
 const CREATION_TIMEOUT: Duration = Duration::from_millis(200);
@@ -71,6 +74,12 @@ impl Settings {
         self.to_iceoryx2().map(drop)
     }
 
+    /// Bytes of `/dev/shm` that several cameras and their consumers need; each camera as in [`Settings::shared_memory_needed`].
+    pub fn shared_memory_of_all(&self, frame_bytes: impl IntoIterator<Item = usize>, loans: usize) -> u64 {
+        let cameras = frame_bytes.into_iter().map(|bytes| self.shared_memory_needed(bytes, loans));
+        cameras.fold(ROOM_BYTES, u64::saturating_add)
+    }
+
     /// The configuration of iceoryx2, from these settings alone: no file is read.
     pub(crate) fn to_iceoryx2(&self) -> Result<Config, IpcError> {
         self.check_number("max_subscribers", self.max_subscribers, 64, "1 to 64")?;
@@ -99,6 +108,11 @@ impl Settings {
         let mut config = Config::default();
         config.global.prefix = prefix;
         config.global.set_root_path(&root_path);
+        // iceoryx2's register of nodes lies in /dev/shm: another root_path has another one.
+        let suffix = format!(".{}.global_mgmt", tag(&self.root_path));
+        if let Ok(suffix) = FileName::new(suffix.as_bytes()) {
+            config.global.node.global_mgmt_suffix = suffix;
+        }
         config.global.creation_timeout = CREATION_TIMEOUT;
         // Cleaning is done where it may take its time, by `cleanup_dead_nodes`.
         config.global.node.cleanup_dead_nodes_on_creation = false;
@@ -134,8 +148,34 @@ pub(crate) fn shared_memory_needed(slots: usize, frame_bytes: usize) -> u64 {
     (slots as u64).saturating_mul(slot_bytes).saturating_add(BOOKKEEPING)
 }
 
+/// What stands for a `root_path` in the name of a file in `/dev/shm`: 16 digits, the FNV-1a hash of its path without links and detours.
+fn tag(root_path: &std::path::Path) -> String {
+    let path = std::fs::canonicalize(root_path).unwrap_or_else(|_| root_path.components().collect());
+    let fold = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
+    let hash = path.as_os_str().as_encoded_bytes().iter().fold(0xcbf2_9ce4_8422_2325, fold);
+    format!("{hash:016x}")
+}
+
 /// Whether `text` is made of letters, digits, `_` and `-`, and of 1 to `longest` of them.
 pub(crate) fn is_name(text: &str, longest: usize) -> bool {
     (1..=longest).contains(&text.len())
         && text.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-'))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_root_path_has_one_tag_however_it_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let (root, link) = (folder.path().join("root"), folder.path().join("link"));
+        std::fs::create_dir(&root).unwrap();
+        std::os::unix::fs::symlink(&root, &link).unwrap();
+        assert_eq!(tag(&link), tag(&root));
+        assert_eq!(tag(&folder.path().join("./root/")), tag(&root));
+        assert_ne!(tag(folder.path()), tag(&root));
+        // The offset basis of FNV-1a, the byte exclusive or-ed to it, times the prime.
+        assert_eq!(tag(std::path::Path::new("/")), "af63a24c860189fe");
+    }
 }

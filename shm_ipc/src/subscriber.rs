@@ -19,6 +19,7 @@ use crate::continuity::{Continuity, Step};
 use crate::error::IpcError;
 use crate::header::FrameHeader;
 use crate::prediction::Prediction;
+use crate::premises;
 use crate::service::{Address, Ipc};
 use crate::settings::Settings;
 use crate::wakeup::Wakeup;
@@ -66,6 +67,7 @@ impl Subscriber {
     /// many consumers as it can have.
     pub fn open(settings: &Settings, camera: &str) -> Result<Subscriber, IpcError> {
         let address = Address::new(settings, camera)?;
+        premises::check_shared_memory()?;
         // Consumers that were killed give their places to this one.
         cleanup(&address.config);
         let mut subscriber = Subscriber {
@@ -240,7 +242,7 @@ impl Subscriber {
     /// Whether the caller holds as many frames as it may. iceoryx2 counts them by publisher: where all are of a driver that is gone, it
     /// would pass over the rest of that one's frames and give out its successor's.
     fn is_full_handed(&self) -> bool {
-        self.link.as_ref().is_some_and(|link| Arc::strong_count(&self.held) > link.most_held())
+        self.link.as_ref().is_some_and(|link| Arc::strong_count(&self.held) > link.most_held)
     }
 
     fn too_many_held(&self) -> IpcError {
@@ -287,8 +289,9 @@ impl Subscriber {
                     self.link = link;
                     self.failing_since_ns = None;
                 }
-                Err(IpcError::System { .. })
-                    if until(now_ns, *self.failing_since_ns.get_or_insert(now_ns)) < TOLERANCE => {}
+                Err(error)
+                    if error.may_pass()
+                        && until(now_ns, *self.failing_since_ns.get_or_insert(now_ns)) < TOLERANCE => {}
                 Err(error) => return Err(error),
             },
         }
@@ -299,11 +302,10 @@ impl Subscriber {
     }
 
     fn connect(&mut self) -> Result<Option<Link>, IpcError> {
-        let node = match &self.node {
-            Some(node) => node,
-            None => self.node.insert(self.address.node()?),
-        };
-        Link::open(&self.address, node)
+        if self.node.is_none() {
+            self.node = self.address.visiting_node()?;
+        }
+        self.node.as_ref().map_or(Ok(None), |node| Link::open(&self.address, node))
     }
 }
 

@@ -1,8 +1,8 @@
 //! The wake word: how a driver wakes consumers that only wait for a frame, in about half of the time that an event takes.
 //!
-//! One page of shared memory for each camera, `/dev/shm/<prefix><camera>.wake`, which the driver makes with its publisher. It stays when
-//! the driver stops or is killed, as it also keeps how far the camera has come, from where the next driver goes on. Part of the contract,
-//! little-endian:
+//! One page of shared memory for each camera, `/dev/shm/<prefix><camera>.<device>-<inode>.wake`, which the driver makes with its publisher;
+//! device and inode are those of `root_path`, hexadecimal. It stays when the driver stops or is killed, as it also keeps how far the camera
+//! has come, from where the next driver goes on. Part of the contract, little-endian:
 //!
 //! | bytes | what |
 //! | --- | --- |
@@ -39,7 +39,7 @@ use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
-use rustix::fs::{FallocateFlags, fallocate};
+use rustix::fs::{FallocateFlags, OFlags, fallocate};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use rustix::thread::{
     CpuSet, current_timer_slack, futex, sched_getaffinity, sched_getcpu, sched_setaffinity,
@@ -79,8 +79,7 @@ unsafe impl Sync for WakeWord {}
 impl WakeWord {
     /// The driver's side: makes the page, or takes over the one of the driver before.
     pub(crate) fn create(path: &Path) -> io::Result<WakeWord> {
-        let file =
-            OpenOptions::new().read(true).write(true).create(true).mode(0o600).truncate(false).open(path)?;
+        let file = options().create(true).mode(0o600).truncate(false).open(path)?;
         // Taken now: to write to a page that a full /dev/shm does not have ends a process with SIGBUS.
         fallocate(&file, FallocateFlags::empty(), 0, PAGE_BYTES as u64)?;
         let word = WakeWord::map(&file, path)?;
@@ -96,7 +95,7 @@ impl WakeWord {
 
     /// A consumer's side; `None` where there is no page, or one that is not finished or not of this contract.
     pub(crate) fn open(path: &Path) -> io::Result<Option<WakeWord>> {
-        let file = match OpenOptions::new().read(true).write(true).open(path) {
+        let file = match options().open(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             file => file?,
         };
@@ -225,6 +224,13 @@ impl WakeWord {
     pub(crate) fn is_current(&self) -> bool {
         fs::metadata(&self.path).is_ok_and(|found| (found.dev(), found.ino()) == self.file)
     }
+}
+
+/// How the page is opened: never through a link, which anybody can put into `/dev/shm`.
+fn options() -> OpenOptions {
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).custom_flags(OFlags::NOFOLLOW.bits().cast_signed());
+    options
 }
 
 impl Drop for WakeWord {

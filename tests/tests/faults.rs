@@ -3,7 +3,7 @@
 
 use rustix::process::Signal;
 use uvcam_shm_ipc::health::{Cause, State};
-use uvcam_tests::{Stage, health_where, simulated, stderr, wait_until};
+use uvcam_tests::{Stage, health_where, next_frame, simulated, stderr, wait_until};
 
 /// What a consumer saw of a camera with faults, and what the driver said.
 struct Seen {
@@ -112,6 +112,70 @@ fn a_camera_that_reads_back_other_settings_publishes_nothing_until_it_takes_them
 fn a_short_pause_of_the_camera_is_not_taken_for_a_failure() {
     let seen = with_faults("{ kind = \"freeze\", at_frame = 20, seconds = 0.4 }", 60);
     assert_eq!((seen.lost, seen.epochs), (0, 1));
+}
+
+#[test]
+fn a_panic_in_a_camera_s_thread_is_told_and_the_camera_opened_again() {
+    let seen = with_faults("{ kind = \"panic\", at_frame = 20 }, { kind = \"panic\", at_frame = 40 }", 60);
+    assert_eq!(seen.epochs, 3);
+    for expected in [
+        "thread left panicked at",
+        "left: the camera's thread ended by a panic: a panic by the camera's script; please report it; trying again",
+    ] {
+        assert!(seen.said.contains(expected), "{expected} in {}", seen.said);
+    }
+}
+
+#[test]
+fn a_panic_stays_in_the_health_record_and_takes_the_mask_of_the_moment_no_frame() {
+    let stage =
+        Stage::new(&simulated("left", "left.png", ", faults = [{ kind = \"panic\", at_frame = 30 }]"));
+    let mask = stage.write_mask("left.png", (752, 480), 10);
+    let driver = stage.driver();
+    let mut left = stage.subscriber("left");
+    let health = health_where("the return", &mut stage.health("left"), |health| {
+        health.state() == Ok(State::Streaming) && health.epochs == 2
+    });
+    assert!(health.last_error().contains("ended by a panic"), "{}", health.last_error());
+    assert_eq!((health.failures, health.mask_id), (1, mask.id().0));
+    // What is confirmed from now on happens.
+    let new = stage.write_mask("left.png", (752, 480), 200);
+    driver.signal(Signal::HUP);
+    wait_until("the new mask flies", || next_frame(&mut left).header().mask_id == new.id().0);
+    assert!(driver.stop().status.success());
+}
+
+#[test]
+fn a_panic_at_every_start_ends_a_driver_without_another_camera_so_that_it_can_be_started_again() {
+    let fault = ", faults = [{ kind = \"panic\", at_frame = 0 }]";
+    let output = Stage::new(&simulated("left", "none", fault)).output(&["run", "--duration", "20"]);
+    assert_eq!(output.status.code(), Some(7), "{}", stderr(&output));
+    assert!(!stderr(&output).contains("trying again"), "it ends: {}", stderr(&output));
+    assert!(stderr(&output).contains("no camera can be used: the driver ends"), "{}", stderr(&output));
+}
+
+#[test]
+fn a_camera_that_fails_over_and_over_does_not_fill_the_log() {
+    let faults = |kind: &str| -> String {
+        let faults = (0..30).map(|number| {
+            format!(
+                "{{ kind = \"{kind}\", at_frame = {}{} }}",
+                10 + number * 2,
+                match kind {
+                    "unplug" => ", seconds = 0.05",
+                    _ => "",
+                }
+            )
+        });
+        faults.collect::<Vec<_>>().join(", ")
+    };
+    for kind in ["unplug", "wrong_settings"] {
+        let seen = with_faults(&faults(kind), 75);
+        // The driver's count: a consumer may be too slow for an epoch of two frames.
+        assert!(seen.said.contains(", 31 epochs"), "{kind}: {}", seen.said);
+        let told = seen.said.lines().filter(|line| line.contains("left: ")).count();
+        assert!(told <= 8, "{kind}: {told} lines\n{}", seen.said);
+    }
 }
 
 #[test]

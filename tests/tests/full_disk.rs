@@ -46,7 +46,7 @@ fn the_mask_in_force_stays_whole_and_nothing_half_written_is_left() {
         }
         refused += 1;
         assert!(
-            said.contains("exit code 2") && said.contains("No space left on device"),
+            said.contains("exit code 7") && said.contains("No space left on device"),
             "{kilobytes} kB: {said}"
         );
         assert!(said.contains("\nleft.png\nunchanged\n"), "{kilobytes} kB: {said}");

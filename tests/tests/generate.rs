@@ -2,12 +2,15 @@
 
 #![allow(clippy::unwrap_used)]
 
+use rustix::process::Signal;
 use serde_json::Value;
 use uvcam::camera::simulated::airframe;
 use uvcam_emulated::gige_vision;
 use uvcam_masker::{Mask, file};
+use uvcam_shm_ipc::control::{Answer, ControlClient, LONGEST_TEXT};
+use uvcam_shm_ipc::health::State;
 use uvcam_tests::network::in_namespace;
-use uvcam_tests::{Process, Stage, next_frame, simulated, stderr, wait_until};
+use uvcam_tests::{Process, Stage, health_where, next_frame, simulated, stderr, wait_until};
 
 /// Where the simulated markers are.
 const IGNORE: &str = "[camera.generate]\nignore = [\"::0:240\"]\n";
@@ -185,6 +188,96 @@ fn an_exposure_that_the_camera_refuses_leaves_the_flight_as_it_was() {
 }
 
 #[test]
+fn an_order_that_a_panic_took_is_answered_and_the_next_one_done() {
+    // Without a mask the camera stays closed: its first frames are the lit ones.
+    let panics = simulated("left", "left.png", ", faults = [{ kind = \"panic\", at_frame = 2 }]") + IGNORE;
+    let stage = Stage::new(&(panics + &simulated("right", "none", "")));
+    let mut right = stage.subscriber("right");
+    let _driver = stage.driver();
+    next_frame(&mut right);
+    let output = stage.output(&["generate", "left", "--accept"]);
+    assert_eq!(output.status.code(), Some(7), "{}", stderr(&output));
+    assert!(stderr(&output).contains("the camera's thread ended by a panic"), "{}", stderr(&output));
+    assert!(!stage.file("left.png").exists() && !stage.file("left.candidate.png").exists());
+    let output = stage.output(&["generate", "left", "--accept", "--json"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let mask = Mask::load(&stage.file("left.png")).unwrap();
+    assert_eq!(next_frame(&mut stage.subscriber("left")).header().mask_id, mask.id().0);
+}
+
+#[test]
+fn a_mask_that_is_being_generated_is_waited_for_and_a_signal_ends_the_command_that_asked() {
+    let stage = Stage::new(&left());
+    stage.write_mask("left.png", (752, 480), 10);
+    let driver = stage.driver();
+    let mut health = stage.health("left");
+    health_where("it streams", &mut health, |health| health.state() == Ok(State::Streaming));
+    // Darkness takes all the frames that it may.
+    let words = ["generate", "left", "--exposure-us", "10", "--frames", "255"];
+    let first = Process::start(&mut stage.uvcam(&words));
+    health_where("it generates", &mut health, |health| health.state() == Ok(State::Generating));
+    let second = stage.output(&["generate", "left"]);
+    assert_eq!(second.status.code(), Some(7), "{}", stderr(&second));
+    assert!(
+        stderr(&second).contains("mask of camera left is being generated: wait for it"),
+        "{}",
+        stderr(&second)
+    );
+    first.signal(Signal::INT);
+    let first = first.finish();
+    assert_eq!(first.status.code(), Some(7), "{}", stderr(&first));
+    assert!(stderr(&first).contains("stopped; nothing was stored"), "{}", stderr(&first));
+    health_where("it streams again", &mut health, |health| health.state() == Ok(State::Streaming));
+    // The driver may still be about to see that nobody waits.
+    wait_until("the next mask", || stage.output(&["generate", "left", "--replace"]).status.success());
+    let said = stderr(&driver.stop());
+    assert!(said.contains("left: nobody waits for the mask any more; nothing was stored"), "{said}");
+    assert_eq!(said.matches("left: streaming").count(), 3, "each time it streams again: {said}");
+}
+
+/// What the driver of `left` answers to this question, and its exit code for it.
+fn answer(stage: &Stage, question: &str) -> (u64, String) {
+    let client = ControlClient::open(&stage.settings(), "left").unwrap().unwrap();
+    let answers = client.ask(question).unwrap();
+    let Answer::Text(text) = answers.next(std::time::Duration::from_secs(20)) else { panic!("no answer") };
+    let answer: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(answer["answer"], "failed", "{answer}");
+    (answer["exit"].as_u64().unwrap(), answer["cause"].as_str().unwrap().into())
+}
+
+#[test]
+fn questions_that_no_command_asks_are_answered_with_what_is_wrong() {
+    let stage = Stage::new(&left());
+    stage.write_mask("left.png", (752, 480), 10);
+    let mut left = stage.subscriber("left");
+    let driver = stage.driver();
+    next_frame(&mut left);
+    let wish = |keys: &str| {
+        format!(
+            "{{\"ask\":\"generate\",\"accept\":true,\"wish\":{{\"method\":\"fused\",\"ignore\":[],\"replace\":true,{keys}}}}}"
+        )
+    };
+    for (question, expected) in [
+        (wish("\"frames\":8,\"exposure_us\":-1"), "exposure_us = -1 refused"),
+        (wish("\"frames\":8,\"exposure_us\":1e-300"), "exposure_us = 0.000"),
+        (wish("\"frames\":8,\"gain_db\":1e9"), "gain_db = 1000000000 refused"),
+        (wish("\"frames\":0"), "frames = 0 refused: ask for 1 to 255"),
+        (wish("\"frames\":4294967295"), "frames = 4294967295 refused"),
+        (wish("\"frames\":8,\"exposure_us\":NaN"), "does not know the question"),
+        (wish("\"frames\":8,\"exposure_us\":1e999"), "does not know the question"),
+        ("fly".into(), "does not know the question"),
+        (String::new(), "does not know the question"),
+        ("[".repeat(LONGEST_TEXT), "does not know the question"),
+    ] {
+        let (exit, cause) = answer(&stage, &question);
+        assert!(exit == 2 && cause.contains(expected), "{exit}: {cause}");
+    }
+    wait_until("it streams", || left.next().unwrap().is_some());
+    assert_eq!(left.epochs(), 1, "nothing was begun");
+    assert!(driver.stop().status.success());
+}
+
+#[test]
 fn an_order_whose_command_was_killed_stores_nothing_and_the_flight_goes_on() {
     let stage = Stage::new(&left());
     stage.write_mask("left.png", (752, 480), 10);
@@ -236,7 +329,7 @@ fn a_folder_that_takes_no_files_is_named_and_the_flight_goes_on() {
     let driver = stage.driver();
     next_frame(&mut right);
     let output = stage.output(&["generate", "left"]);
-    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert_eq!(output.status.code(), Some(7), "{}", stderr(&output));
     assert!(stderr(&output).contains("/proc/left.candidate"), "{}", stderr(&output));
     next_frame(&mut right);
     assert_eq!(driver.stop().status.code(), Some(3), "left was never masked");

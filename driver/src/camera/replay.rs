@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use uvcam_masker::file::read_gray;
+use uvcam_masker::file::{FrameError, read_frame};
 use uvcam_shm_ipc::{PixelFormat, Slot, monotonic_ns};
 
 use super::paced::{Due, Paced, deadline};
@@ -81,9 +81,13 @@ impl Camera for ReplayCamera {
             });
         }
         let first = self.folder.picture(0);
-        let (width, height) = read_gray(&first)
-            .map_err(|error| self.failed("reading its pictures", with_causes(&error)))?
-            .dimensions();
+        let picture =
+            read_frame(&first).map_err(|error| self.failed("reading its pictures", with_causes(&error)))?;
+        // A single dark picture is no proof of it.
+        if let Some(used_bits) = picture.unscaled_bits().filter(|bits| *bits > 0) {
+            tracing::warn!("`{}`: {}", first.display(), FrameError::Unscaled { used_bits });
+        }
+        let (width, height) = picture.gray.dimensions();
         if (width, height) != (settings.width, settings.height) {
             return Err(CameraError::Refused {
                 setting: "width and height",

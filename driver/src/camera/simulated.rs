@@ -126,6 +126,8 @@ enum Fate {
     Unplugged,
     /// Late, by the library's fault.
     Hung(Duration),
+    /// The last of its thread.
+    Panicked,
 }
 
 impl State {
@@ -148,6 +150,7 @@ impl State {
                     return Fate::Unplugged;
                 }
                 FaultKind::Hang { seconds } => return Fate::Hung(Duration::from_secs_f64(seconds)),
+                FaultKind::Panic => return Fate::Panicked,
             }
         }
         if self.frozen_until.is_some() {
@@ -290,6 +293,7 @@ impl Camera for SimulatedCamera {
                     std::thread::sleep(duration);
                     self.paced.resume();
                 }
+                Fate::Panicked => std::panic::panic_any("a panic by the camera's script"),
                 Fate::Unplugged => return Err(self.disconnected("waiting for a frame")),
             }
         }

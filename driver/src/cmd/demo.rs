@@ -111,6 +111,18 @@ impl Demo {
     }
 }
 
+impl Drop for Demo {
+    fn drop(&mut self) {
+        // Driver and consumers have left it empty but for its folders.
+        let _ = fs::remove_dir_all(root_path());
+    }
+}
+
+/// Folder of the demonstration's service files: short, as paths of sockets are.
+fn root_path() -> PathBuf {
+    PathBuf::from(format!("/tmp/uvcam_demo_{}", std::process::id()))
+}
+
 /// The driver's process; it ends with this value.
 struct Driver(Child);
 
@@ -134,7 +146,7 @@ fn prefix() -> String {
 }
 
 fn configuration() -> String {
-    let mut text = format!("[ipc]\nprefix = \"{}\"\n", prefix());
+    let mut text = format!("[ipc]\nprefix = \"{}\"\nroot_path = {:?}\n", prefix(), root_path());
     for (name, mask) in [("masked", "mask.png"), ("unmasked", "none")] {
         text += &format!(
             "\n[[camera]]\nname = \"{name}\"\nsource = {{ kind = \"simulated\", serial = \"DEMO\" }}\n\

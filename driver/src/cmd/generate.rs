@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
-use uvcam_masker::file::read_gray;
+use uvcam_masker::file::{FileError, FrameError, read_frame};
 use uvcam_shm_ipc::control::{Answer, ControlClient};
 
 use crate::args;
@@ -16,7 +16,7 @@ use crate::config::{self, CameraConfig, Config};
 use crate::control::{Ask, Reply};
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
-use crate::generate::{Light, Order};
+use crate::generate::{Light, Order, light};
 use crate::generator::{Generator, Report, store_of};
 use crate::supervise::Supervisor;
 
@@ -50,10 +50,14 @@ pub(super) fn execute(
     let mut reports = Vec::new();
     let mut exit = Exit::Done;
     for camera in cameras {
-        let report = match ControlClient::open(&config.ipc.settings, &camera.name) {
+        let driver = arguments
+            .wish
+            .check(&camera.generate)
+            .and_then(|()| Ok(ControlClient::open(&config.ipc.settings, &camera.name)?));
+        let report = match driver {
             Ok(Some(driver)) => ask_driver(&driver, camera, arguments, &stop),
             Ok(None) => alone(camera, &config, arguments, &stop),
-            Err(error) => Err(error.into()),
+            Err(error) => Err(error),
         };
         match report {
             Ok(report) => reports.push((camera.name.as_str(), report)),
@@ -70,10 +74,20 @@ pub(super) fn execute(
 }
 
 fn from_files(arguments: &args::Generate, out: &Path) -> Result<Report, Error> {
-    let mut generator = Generator::new(arguments.wish.clone(), &config::Generate::default());
+    let configured = config::Generate::default();
+    arguments.wish.check(&configured)?;
+    let mut generator = Generator::new(arguments.wish.clone(), &configured);
+    // Bits that the brightest of them uses, as long as all seem to be unscaled.
+    let mut unscaled = Some(0);
     for file in &arguments.from {
+        let frame = read_frame(file).map_err(Error::Frame)?;
+        unscaled = unscaled.zip(frame.unscaled_bits()).map(|(before, bits)| bits.max(before));
         // Pictures are few and chosen: all are taken, settled or not.
-        generator.add(read_gray(file)?)?;
+        generator.add(frame.gray)?;
+    }
+    if let Some((used_bits, path)) = unscaled.filter(|bits| *bits > 0).zip(arguments.from.first()) {
+        let source = FrameError::Unscaled { used_bits };
+        return Err(Error::Frame(FileError::NotAFrame { path: path.clone(), source }));
     }
     let generated = generator.finish(arguments.wish.exposure_us)?;
     let mut report = generated.report();
@@ -122,7 +136,7 @@ fn ask_driver(
             }
         }
     }
-    Err(Error::Usage("stopped; nothing was stored".into()))
+    Err(Error::Stopped)
 }
 
 /// No driver runs: the camera is opened here.
@@ -135,9 +149,10 @@ fn alone(
     store_of(camera)?;
     let (done, result) = channel();
     let wish = arguments.wish.clone();
+    let (exposure_us, gain_db) = light(&wish, &camera.generate)?;
     let order = Order {
-        exposure_us: wish.exposure_us.unwrap_or(camera.generate.exposure_us),
-        gain_db: wish.gain_db.unwrap_or(camera.generate.gain_db),
+        exposure_us,
+        gain_db,
         generator: Generator::new(wish, &camera.generate),
         progress: Box::new({
             let bar = report::Bar::new(&camera.name);
@@ -149,10 +164,10 @@ fn alone(
     tracing::info!("{}: no driver runs, opening the camera", camera.name);
     Supervisor::fulfil_alone(camera, &config.ipc, Arc::default(), order);
     let (generator, light): (Generator, Result<Light, Error>) =
-        result.recv().map_err(|_| Error::Usage("the camera gave no answer".into()))?;
+        result.recv().map_err(|_| Error::Busy("the camera gave no answer".into()))?;
     let light = light?;
     if stop.load(Ordering::Relaxed) {
-        return Err(Error::Usage("stopped; nothing was stored".into()));
+        return Err(Error::Stopped);
     }
     let generated = generator.finish(Some(light.applied.exposure_us))?;
     generated.store(camera, light.provenance(), arguments.accept)

@@ -27,7 +27,7 @@ pub(super) fn execute(
         args::Mask::Metrics(arguments) => metrics::execute(arguments),
         args::Mask::Accept(of) => in_force::change(&of.camera, &config()?, MaskStore::accept),
         args::Mask::Restore(of) => {
-            in_force::change(&of.camera, &config()?, |store: &MaskStore| store.restore(of.number))
+            in_force::change(&of.camera, &config()?, |store, size| store.restore(of.number, size))
         }
         args::Mask::Discard(of) => in_force::discard(&of.camera, &config()?),
         args::Mask::History(of) => in_force::history(&of.camera, &config()?),
@@ -62,7 +62,7 @@ struct Finding {
 }
 
 fn check(arguments: &args::MaskCheck) -> Result<Exit, Error> {
-    let picture = file::read_gray(&arguments.file).map_err(Error::MaskFile)?;
+    let picture = file::read_mask(&arguments.file, None).map_err(Error::MaskFile)?;
     let report = check::check(&picture, arguments.size);
     if arguments.json {
         // A value of plain numbers and texts always has a JSON form.
@@ -141,12 +141,12 @@ fn apply(arguments: &args::MaskApply) -> Result<Exit, Error> {
 }
 
 fn repair(arguments: &args::MaskRepair) -> Result<Exit, Error> {
-    let picture = file::read_gray(&arguments.input).map_err(Error::MaskFile)?;
+    let picture = file::read_mask(&arguments.input, None).map_err(Error::MaskFile)?;
     let mask = match arguments.threshold {
-        Some(threshold) => Mask::binarised(&picture, threshold),
-        None => Mask::from_gray(&picture)
-            .map_err(|error| Error::Mask(format!("{}: {error}", arguments.input.display())))?,
+        Some(threshold) => Mask::try_binarised(&picture, threshold),
+        None => Mask::from_gray(&picture),
     };
+    let mask = mask.map_err(|error| Error::Mask(format!("{}: {error}", arguments.input.display())))?;
     let repaired = check::fill_islets(&mask, ISLET_PX);
     repaired.save(&arguments.output, &[])?;
     tracing::info!(

@@ -1,6 +1,5 @@
 //! `uvcam watch`: a consumer like any other, that reports what arrived.
 
-use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -11,6 +10,7 @@ use crate::args;
 use crate::config::Config;
 use crate::error::Error;
 use crate::exit::Exit;
+use crate::log;
 
 mod report;
 mod save;
@@ -55,7 +55,7 @@ fn watch(
     mut silence: Silence,
 ) -> Result<bool, Error> {
     let enough = |tally: &Tally| frames.is_some_and(|frames| tally.frames >= frames);
-    let mut status = Status::new();
+    let mut status = Status(Instant::now());
     // Relaxed: the flag carries no data, and is seen within one `PATIENCE`.
     while !stop.load(Ordering::Relaxed) {
         subscriber.wait(PATIENCE)?;
@@ -117,22 +117,14 @@ impl Silence {
     }
 }
 
-/// A status line on stderr, where a person looks at it.
-struct Status {
-    next: Instant,
-    terminal: bool,
-}
+/// When the status line is shown next.
+struct Status(Instant);
 
 impl Status {
-    fn new() -> Self {
-        Status { next: Instant::now(), terminal: std::io::stderr().is_terminal() }
-    }
-
     fn show(&mut self, tally: &Tally, subscriber: &Subscriber) {
-        if self.terminal && Instant::now() >= self.next {
-            self.next += Duration::from_millis(500);
-            // A status line that cannot be written is no reason to stop.
-            let _ = write!(std::io::stderr(), "\r\x1b[K{}\r", tally.line(subscriber));
+        if Instant::now() >= self.0 {
+            self.0 += Duration::from_millis(500);
+            log::show_status(&tally.line(subscriber));
         }
     }
 }

@@ -33,9 +33,9 @@ impl Reader<'_> {
                 "unplug" => FaultKind::Unplug { seconds: seconds()? },
                 "wrong_settings" => FaultKind::WrongSettings { count: count()? },
                 "hang" => FaultKind::Hang { seconds: seconds()? },
+                "panic" => FaultKind::Panic,
                 other => {
-                    let allowed =
-                        "\"lost\", \"incomplete\", \"freeze\", \"unplug\", \"wrong_settings\" or \"hang\"";
+                    let allowed = "\"lost\", \"incomplete\", \"freeze\", \"unplug\", \"wrong_settings\", \"hang\" or \"panic\"";
                     return Err(self.0.refuse(kind.span(), "kind", format!("\"{other}\""), allowed));
                 }
             };

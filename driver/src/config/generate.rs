@@ -1,5 +1,7 @@
 //! `[camera.generate]`
 
+use std::ops::RangeInclusive;
+
 use serde::Deserialize;
 use toml::Spanned;
 use uvcam_masker::generate::{CameraPlace, IgnoredRegion, LEAF_SIZES, Parameters};
@@ -36,7 +38,13 @@ impl Reader<'_> {
             self.value_or("sigma", table.sigma, published.sigma.into(), "0 to 255", |sigma| *sigma <= 255)?;
         let parameters = Parameters {
             sigma: u8::try_from(sigma).unwrap_or(u8::MAX),
-            eta: self.value_or("eta", table.eta, published.eta, "a number of pixels", |_| true)?,
+            eta: self.value_or(
+                "eta",
+                table.eta,
+                published.eta,
+                &range(&Parameters::ETA, "pixels"),
+                |eta| Parameters::ETA.contains(eta),
+            )?,
             leaf: self.value_or(
                 "leaf",
                 table.leaf,
@@ -44,11 +52,23 @@ impl Reader<'_> {
                 &format!("one of {LEAF_SIZES:?}"),
                 |leaf| LEAF_SIZES.contains(leaf),
             )?,
-            k: self.value_or("k", table.k, published.k, "1 to 1000 points", |k| (1..=1000).contains(k))?,
-            tau: self.value_or("tau", table.tau, published.tau, "a distance in pixels above 0", |tau| {
-                *tau > 0.0
+            k: self.value_or("k", table.k, published.k, &range(&Parameters::K, "points"), |k| {
+                Parameters::K.contains(k)
             })?,
-            kappa: self.value_or("kappa", table.kappa, published.kappa, "a number of pixels", |_| true)?,
+            tau: self.value_or(
+                "tau",
+                table.tau,
+                published.tau,
+                &format!("a distance in pixels above 0, at most {}", Parameters::LARGEST_TAU),
+                |tau| *tau > 0.0 && *tau <= Parameters::LARGEST_TAU,
+            )?,
+            kappa: self.value_or(
+                "kappa",
+                table.kappa,
+                published.kappa,
+                &range(&Parameters::KAPPA, "pixels"),
+                |kappa| Parameters::KAPPA.contains(kappa),
+            )?,
         };
         let mut ignored = match table.camera_place {
             None => IgnoredRegion::default(),
@@ -108,4 +128,8 @@ impl Reader<'_> {
             parameters,
         })
     }
+}
+
+fn range(range: &RangeInclusive<u32>, unit: &str) -> String {
+    format!("{} to {} {unit}", range.start(), range.end())
 }

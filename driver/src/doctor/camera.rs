@@ -24,7 +24,8 @@ pub(super) fn masks(config: &Config) -> Vec<Finding> {
 fn mask(camera: &CameraConfig, path: &Path) -> Vec<Finding> {
     let name = &camera.name;
     let generate = format!("uvcam generate {name}, a look at the candidate, and uvcam mask accept {name}");
-    let gray = match file::read_gray(path) {
+    let size = (camera.settings.width, camera.settings.height);
+    let gray = match file::read_mask(path, Some(size)) {
         Ok(gray) => gray,
         Err(error) => {
             let missing =
@@ -36,7 +37,7 @@ fn mask(camera: &CameraConfig, path: &Path) -> Vec<Finding> {
             return vec![Finding::new(Severity::Fault, Check::Mask, finding, generate)];
         }
     };
-    let problems = check::check(&gray, Some((camera.settings.width, camera.settings.height))).problems;
+    let problems = check::check(&gray, Some(size)).problems;
     let found = problems.iter().map(|problem| {
         let severity = match problem.severity() {
             check::Severity::Refused => Severity::Fault,

@@ -17,6 +17,9 @@ use crate::image::GrayImage;
 /// Bucket sizes of the k-d tree that [`Parameters::leaf`] may name.
 pub const LEAF_SIZES: [u32; 4] = [5, 10, 20, 40];
 
+/// Most neighbours that are looked for in all: those of every second pixel of 1920 x 1200 with the published k.
+pub(super) const MOST_WORK: usize = 24_000_000;
+
 /// Shift of the query point to the left and up, in pixels: too small to exchange neighbours whose distances differ.
 const TIE_BREAK: (f64, f64) = (1.0 / (1_u64 << 20) as f64, 1.0 / (1_u64 << 32) as f64);
 

@@ -1,7 +1,7 @@
 //! The published method on one frame, equations 2 to 10 of "Towards Scalable and Fast UAV Deployment".
 
 use super::growth::grow;
-use super::neighbours::visit_neighbourhoods;
+use super::neighbours::{MOST_WORK, visit_neighbourhoods};
 use super::polygon::PolygonFiller;
 use super::{GenerateError, LIT, Parameters, lit_pixels};
 use crate::image::GrayImage;
@@ -20,6 +20,9 @@ pub(super) fn connect(candidates: &GrayImage, parameters: &Parameters) -> Result
     let half_side = half_side_of_neighbours(parameters.k);
     let queried: Vec<(u32, u32)> =
         lit_pixels(candidates).filter(|(x, y)| !is_surrounded(candidates, *x, *y, half_side)).collect();
+    if queried.len().saturating_mul(parameters.k as usize) > MOST_WORK {
+        return Err(GenerateError::Work { candidates: queried.len(), k: parameters.k });
+    }
     let start = || (candidates.clone(), PolygonFiller::default());
     let drawn =
         visit_neighbourhoods(candidates, &queried, parameters, start, |(drawn, filler), neighbours| {
@@ -60,4 +63,26 @@ fn half_side_of_neighbours(k: u32) -> u32 {
         nearer.count() >= k as usize
     };
     (0..).find(|half_side| holds(*half_side)).unwrap_or(u32::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every second pixel of a row in every second row: none is surrounded.
+    fn dots(width: u32, height: u32) -> GrayImage {
+        GrayImage::from_fn(width, height, |x, y| [if (x | y) % 2 == 0 { LIT } else { 0 }].into())
+    }
+
+    #[test]
+    fn more_work_than_can_be_done_in_time_is_refused_with_what_to_change() {
+        let parameters = Parameters { k: 100, ..Parameters::default() };
+        let refused = connect(&dots(1000, 1000), &parameters).unwrap_err();
+        assert_eq!(
+            refused.to_string(),
+            "250000 candidates at edges with k = 100 neighbours each are more than can be connected in time; raise sigma, \
+             extend the ignored region, or lower k to 96"
+        );
+        assert!(connect(&dots(80, 64), &parameters).is_ok());
+    }
 }

@@ -8,7 +8,7 @@ use crate::check::Severity;
 /// How a mask is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
-    /// The published method on one frame; refuses by equation 6 alone.
+    /// The published method on one frame; refuses by equation 6, and what masks more than nine tenths.
     Paper,
     /// Several frames while the lamp moves.
     #[default]
@@ -199,6 +199,10 @@ impl Finding {
     pub fn severity(&self, method: Method) -> Severity {
         match (method, self) {
             (_, Self::TooDark { .. }) => Severity::Refused,
+            // Hardly anything is left to see, whatever the method promises.
+            (_, Self::OverHalfMasked { masked_px, total_px }) if *masked_px > total_px / 10 * 9 => {
+                Severity::Refused
+            }
             (Method::Paper, _) | (_, Self::Detached { .. }) => Severity::Warning,
             // One frame was asked for.
             (_, Self::TooFewFrames { frames: 1 }) => Severity::Warning,
@@ -264,6 +268,18 @@ mod tests {
             finding.message(Some(40_000.0)).contains("lower the exposure to about 10000 us"),
             "{finding}"
         );
+    }
+
+    #[test]
+    fn a_mask_of_nearly_everything_is_refused_by_either_method() {
+        let masked = |masked_px| Finding::OverHalfMasked { masked_px, total_px: 1000 };
+        for (finding, method, severity) in [
+            (masked(900), Method::Paper, Severity::Warning),
+            (masked(901), Method::Paper, Severity::Refused),
+            (masked(501), Method::Fused, Severity::Refused),
+        ] {
+            assert_eq!(finding.severity(method), severity, "{method}: {finding}");
+        }
     }
 
     #[test]

@@ -14,7 +14,9 @@ use iceoryx2::service::port_factory::publish_subscribe;
 use super::Health;
 use crate::cleanup::cleanup;
 use crate::error::IpcError;
+use crate::footing::{Footing, Held};
 use crate::header::CONTRACT_VERSION;
+use crate::premises;
 use crate::service::{Address, Ipc};
 use crate::settings::Settings;
 
@@ -39,12 +41,13 @@ pub struct HealthPublisher {
     service: Service,
     _node: Node<Ipc>,
     address: Address,
+    footing: Footing,
 }
 
 /// The end of whoever wants to know.
 pub struct HealthReader {
     subscriber: Subscriber<Ipc, Health, ()>,
-    service: Service,
+    _service: Held<Service>,
     _node: Node<Ipc>,
     address: Address,
     rejected: u64,
@@ -59,7 +62,7 @@ impl HealthPublisher {
     pub fn create(settings: &Settings, camera: &str) -> Result<HealthPublisher, IpcError> {
         let give_up = Instant::now() + PATIENCE;
         loop {
-            match HealthPublisher::try_create(settings, camera) {
+            match HealthPublisher::create_at_once(settings, camera) {
                 Err(IpcError::AlreadyPublishing(_) | IpcError::System { .. }) if Instant::now() < give_up => {
                     std::thread::sleep(NAP);
                 }
@@ -68,10 +71,16 @@ impl HealthPublisher {
         }
     }
 
-    fn try_create(settings: &Settings, camera: &str) -> Result<HealthPublisher, IpcError> {
-        let (address, node, name) = enter(settings, camera)?;
+    /// The same, without waiting for a predecessor.
+    ///
+    /// # Errors
+    /// As [`HealthPublisher::create`].
+    pub fn create_at_once(settings: &Settings, camera: &str) -> Result<HealthPublisher, IpcError> {
+        let (address, name) = address(settings, camera)?;
         // A predecessor that was killed gives its place to this one.
         cleanup(&address.config);
+        let node = address.node_with_room_for(premises::FILES + READERS as u64, premises::MAPPED_BYTES)?;
+        address.clear_description(&name, MessagingPattern::PublishSubscribe);
         let service = builder(&node, &name)
             .max_publishers(1)
             .max_subscribers(READERS)
@@ -92,7 +101,21 @@ impl HealthPublisher {
                 }
                 _ => address.failed("creating the publisher of", name.as_str(), source),
             })?;
-        Ok(HealthPublisher { publisher, service, _node: node, address })
+        let marks = [
+            service.unique_service_id().value().to_string(),
+            service.service_hash().to_string(),
+            publisher.id().value().to_string(),
+            node.id().value().to_string(),
+        ];
+        let footing = address.footing(&marks);
+        address.take_small_files()?;
+        Ok(HealthPublisher { publisher, service, _node: node, address, footing })
+    }
+
+    /// The files that readers find this publisher by. Where one is no longer in place, this publisher is to be dropped, and another one
+    /// made.
+    pub fn footing(&self) -> &Footing {
+        &self.footing
     }
 
     /// Puts a record in the place of the one before. Never waits.
@@ -131,9 +154,10 @@ impl HealthReader {
     /// [`IpcError`]: a setting or camera name that cannot be, files of another user, a driver of another version, or as many readers
     /// as there can be.
     pub fn open(settings: &Settings, camera: &str) -> Result<Option<HealthReader>, IpcError> {
-        let (address, node, name) = enter(settings, camera)?;
+        let (address, name) = address(settings, camera)?;
         // A driver that was killed must not be taken for one that runs.
         cleanup(&address.config);
+        let Some(node) = address.visiting_node()? else { return Ok(None) };
         let service = match builder(&node, &name).open() {
             Ok(service) => service,
             Err(
@@ -151,7 +175,9 @@ impl HealthReader {
             .subscriber_builder()
             .create()
             .map_err(|source| address.failed("subscribing to", name.as_str(), source))?;
-        Ok(Some(HealthReader { subscriber, service, _node: node, address, rejected: 0 }))
+        address.take_small_files()?;
+        let service = Held::new(service, &address.config);
+        Ok(Some(HealthReader { subscriber, _service: service, _node: node, address, rejected: 0 }))
     }
 
     /// The newest record that has not been read, or `None` where there is none. Never waits.
@@ -162,7 +188,8 @@ impl HealthReader {
         loop {
             let received = self.subscriber.receive();
             let record = received.map_err(|source| {
-                self.address.failed("receiving from", self.service.name().as_str(), source)
+                let name = health_service_name(&self.address.camera);
+                self.address.failed("receiving from", &name, source)
             })?;
             let Some(record) = record else { return Ok(None) };
             let health = *record.payload();
@@ -193,12 +220,10 @@ impl HealthReader {
     }
 }
 
-fn enter(settings: &Settings, camera: &str) -> Result<(Address, Node<Ipc>, ServiceName), IpcError> {
+fn address(settings: &Settings, camera: &str) -> Result<(Address, ServiceName), IpcError> {
     let address = Address::new(settings, camera)?;
     let name = ServiceName::new(&health_service_name(camera));
-    let name = name.map_err(|_| IpcError::CameraName(camera.to_owned()))?;
-    let node = address.node()?;
-    Ok((address, node, name))
+    Ok((address, name.map_err(|_| IpcError::CameraName(camera.to_owned()))?))
 }
 
 fn builder(node: &Node<Ipc>, name: &ServiceName) -> Builder<Health, (), Ipc> {

@@ -12,8 +12,10 @@ use iceoryx2::sample::Sample;
 use super::RETRY;
 use crate::clock::{monotonic_ns, until};
 use crate::error::IpcError;
+use crate::footing::Held;
 use crate::header::FrameHeader;
 use crate::prediction::{Prediction, Watch};
+use crate::premises;
 use crate::service::{Address, FrameService, Ipc, WakeService};
 use crate::wake_word::WakeWord;
 
@@ -29,9 +31,11 @@ pub(super) struct Link {
     wake_word: Option<WakeWord>,
     /// Frames announced and frames received at the last look.
     last_look: Option<(u32, u64)>,
+    /// Frames that a consumer may hold.
+    pub(super) most_held: usize,
     pub(super) subscriber: Subscriber<Ipc, [u8], FrameHeader>,
-    wake: WakeService,
-    frames: FrameService,
+    wake: Held<WakeService>,
+    frames: Held<FrameService>,
 }
 
 impl Link {
@@ -42,18 +46,24 @@ impl Link {
         match subscriber.create() {
             Ok(subscriber) => {
                 let wake_word = open_wake_word(address)?;
-                Ok(Some(Link { listener: None, wake_word, last_look: None, subscriber, wake, frames }))
+                address.take_small_files()?;
+                let most_held = frames.static_config().subscriber_max_borrowed_samples();
+                let (frames, wake) = (Held::new(frames, &address.config), Held::new(wake, &address.config));
+                Ok(Some(Link {
+                    listener: None,
+                    wake_word,
+                    last_look: None,
+                    most_held,
+                    subscriber,
+                    wake,
+                    frames,
+                }))
             }
             Err(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
                 Err(IpcError::TooManyConsumers(address.frames_name().to_owned()))
             }
             Err(source) => Err(address.failed("subscribing to", address.frames_name(), source)),
         }
-    }
-
-    /// How many frames a consumer may hold.
-    pub(super) fn most_held(&self) -> usize {
-        self.frames.static_config().subscriber_max_borrowed_samples()
     }
 
     /// Frames that the wake word has announced.
@@ -111,14 +121,16 @@ impl Link {
     /// driver knew that somebody listens.
     pub(super) fn listen(&mut self, timeout: Duration, address: &Address) -> Result<(), IpcError> {
         let Some(listener) = &self.listener else {
-            let listener = self.wake.listener_builder().create().map_err(|source| match source {
+            let Some(wake) = self.wake.get() else { return Ok(()) };
+            premises::check_room(0)?;
+            let listener = wake.listener_builder().create().map_err(|source| match source {
                 ListenerCreateError::ExceedsMaxSupportedListeners => {
                     IpcError::TooManyConsumers(address.wake_name().to_owned())
                 }
                 _ => address.failed("listening to", address.wake_name(), source),
             })?;
             self.listener = Some(listener);
-            return Ok(());
+            return address.take_small_files();
         };
         match listener.timed_wait(|_| (), timeout) {
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
@@ -134,8 +146,9 @@ impl Link {
             return false;
         }
         is_passed_by
-            || self.frames.dynamic_config().number_of_publishers() == 0
-            || !address.leads_to(&self.frames)
+            || self.frames.get().is_none_or(|frames| {
+                frames.dynamic_config().number_of_publishers() == 0 || !address.leads_to(frames)
+            })
     }
 
     /// Whether the driver has announced frames since the last look and none of them arrived: it could not connect to this consumer when
@@ -150,6 +163,7 @@ impl Link {
 
 fn open_wake_word(address: &Address) -> Result<Option<WakeWord>, IpcError> {
     let path = address.wake_word();
+    premises::check_ours(&path)?;
     WakeWord::open(&path)
         .map_err(|source| address.failed("opening the wake word", &path.display().to_string(), source))
 }

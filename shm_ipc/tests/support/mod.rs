@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "every test file uses a part")]
 
 pub mod child;
+pub mod namespace;
 
 use std::process;
 use std::sync::atomic::{AtomicU32, Ordering};

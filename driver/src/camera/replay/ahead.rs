@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use tracing::{debug, warn};
 use uvcam_masker::GrayImage;
-use uvcam_masker::file::read_gray;
+use uvcam_masker::file::read_frame;
 use uvcam_shm_ipc::monotonic_ns;
 
 use super::folder::Folder;
@@ -122,7 +122,7 @@ fn read_all(folder: &Folder, size: (u32, u32), pictures: &SyncSender<Picture>, w
 /// Fails with what is wrong with the picture.
 fn read(folder: &Folder, frame_id: u64, (width, height): (u32, u32)) -> Result<GrayImage, String> {
     let path = folder.picture(frame_id);
-    let picture = read_gray(&path).map_err(|error| with_causes(&error))?;
+    let picture = read_frame(&path).map_err(|error| with_causes(&error))?.gray;
     match picture.dimensions() {
         found if found == (width, height) => Ok(picture),
         (other_width, other_height) => {

@@ -1,5 +1,6 @@
 //! `uvcam mask accept`, `discard`, `history` and `restore`: which mask a camera flies.
 
+use std::path::Path;
 use std::time::Duration;
 
 use uvcam_masker::{Mask, file};
@@ -7,9 +8,10 @@ use uvcam_shm_ipc::control::{Answer, ControlClient};
 
 use crate::config::{CameraConfig, Config};
 use crate::control::{Ask, Reply};
-use crate::error::Error;
+use crate::error::{Error, with_causes};
 use crate::exit::Exit;
 use crate::generator::store_of;
+use crate::mask::{self, Flyable};
 use crate::mask_store::MaskStore;
 
 /// How long a running driver may take to read a mask.
@@ -19,13 +21,14 @@ const PATIENCE: Duration = Duration::from_secs(10);
 pub(super) fn change(
     name: &str,
     config: &Config,
-    change: impl FnOnce(&MaskStore) -> Result<(), Error>,
+    change: impl FnOnce(&MaskStore, (u32, u32)) -> Result<Mask, Error>,
 ) -> Result<Exit, Error> {
     let camera = camera(name, config)?;
     let store = store_of(camera)?;
-    change(&store)?;
-    let mask = Mask::load(store.in_force()).map_err(Error::MaskFile)?;
-    let flies = match ControlClient::open(&config.ipc.settings, name)? {
+    // First of all: whoever may not speak to the driver changes nothing that it would have to hear of.
+    let driver = ControlClient::open(&config.ipc.settings, name)?;
+    let mask = change(&store, size(camera))?;
+    let flies = match driver {
         Some(driver) => {
             reload(&driver)?;
             "the running driver flies it"
@@ -56,21 +59,31 @@ pub(super) fn discard(name: &str, config: &Config) -> Result<Exit, Error> {
 }
 
 pub(super) fn history(name: &str, config: &Config) -> Result<Exit, Error> {
-    for (number, path) in (1..).zip(store_of(camera(name, config)?)?.history()?) {
-        let mask = Mask::load(&path).map_err(Error::MaskFile)?;
-        let texts = file::read_texts(&path)?;
-        let made = texts
-            .iter()
-            .find(|(keyword, _)| keyword == "Creation Time")
-            .map_or("?", |(_, text)| text.as_str());
-        super::super::print(&format!(
-            "{number}  {}  {} px  made {made}  {}",
-            mask.id(),
-            mask.masked_px(),
-            path.display()
-        ))?;
+    let camera = camera(name, config)?;
+    for (number, path) in (1..).zip(store_of(camera)?.history()?) {
+        let file = path.display();
+        let line = match mask::read(&path, size(camera)) {
+            Ok(Flyable { mask, .. }) => {
+                format!("{number}  {}  {} px  made {}  {file}", mask.id(), mask.masked_px(), made(&path))
+            }
+            // The others are no worse for it.
+            Err(error) => format!("{number}  must not fly: {}  {file}", with_causes(&error)),
+        };
+        super::super::print(&line)?;
     }
     Ok(Exit::Done)
+}
+
+/// When the mask was made, as its file tells.
+fn made(path: &Path) -> String {
+    let texts = file::read_texts(path).unwrap_or_default();
+    let time = texts.into_iter().find(|(keyword, _)| keyword == "Creation Time");
+    time.map_or_else(|| "?".into(), |(_, time)| time)
+}
+
+/// Width and height of the camera's frames.
+fn size(camera: &CameraConfig) -> (u32, u32) {
+    (camera.settings.width, camera.settings.height)
 }
 
 fn camera<'a>(name: &str, config: &'a Config) -> Result<&'a CameraConfig, Error> {

@@ -1,11 +1,16 @@
-//! What a service manager hears of the driver: sd_notify(3). Without one, nothing happens.
+//! What a service manager hears of the driver: sd_notify(3). Without one, nothing happens. One that does not listen is not waited for.
 
+use std::ffi::OsStr;
+use std::io;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
+use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use sd_notify::NotifyState;
 
-use super::Running;
+use super::running::Running;
 use crate::error::with_causes;
 use crate::supervise::State;
 
@@ -35,30 +40,27 @@ impl ServiceManager {
     pub(super) fn attend(&mut self, cameras: &[Running]) {
         let published: u64 =
             cameras.iter().map(|camera| camera.counters.published.load(Ordering::Relaxed)).sum();
-        if !self.is_ready && published > 0 && cameras.iter().all(|camera| camera.state.is_some()) {
-            self.is_ready = true;
-            tell(&[NotifyState::Ready]);
+        if !self.is_ready && published > 0 && cameras.iter().all(Running::is_tried) {
+            self.is_ready = tell(&NotifyState::Ready);
         }
         let status = cameras.iter().map(describe).collect::<Vec<_>>().join("; ");
-        if status != self.status {
-            tell(&[NotifyState::Status(&status)]);
+        if status != self.status && tell(&NotifyState::Status(&status)) {
             self.status = status;
         }
         let Some(watchdog) = self.watchdog.filter(|_| Instant::now() >= self.next_sign_of_life) else {
             return;
         };
         let is_any_stuck = cameras.iter().any(|camera| camera.is_stuck);
-        if works(published.saturating_sub(self.published), is_any_stuck) {
+        if works(published.saturating_sub(self.published), is_any_stuck) && tell(&NotifyState::Watchdog) {
             self.published = published;
             // Twice within the time, as sd_watchdog_enabled(3) advises, and once for a late look.
             self.next_sign_of_life = Instant::now() + watchdog / 3;
-            tell(&[NotifyState::Watchdog]);
         }
     }
 
     /// Says that the driver ends.
     pub(super) fn stopping(&self) {
-        tell(&[NotifyState::Stopping]);
+        tell(&NotifyState::Stopping);
     }
 }
 
@@ -83,15 +85,41 @@ fn describe(camera: &Running) -> String {
     }
 }
 
-fn tell(state: &[NotifyState]) {
-    if let Err(error) = sd_notify::notify(state) {
+/// Returns whether it was told; what was not is told at the next look.
+fn tell(state: &NotifyState<'_>) -> bool {
+    let outcome = std::env::var_os("NOTIFY_SOCKET").map_or(Ok(()), |name| send(&name.into_vec(), state));
+    if let Err(error) = &outcome {
         tracing::debug!("service manager: {error}");
     }
+    outcome.is_ok()
+}
+
+/// Unlike `sd_notify::notify`, does not wait for room in the manager's queue.
+fn send(name: &[u8], state: &NotifyState<'_>) -> io::Result<()> {
+    let address = match name.strip_prefix(b"@") {
+        Some(name) => SocketAddr::from_abstract_name(name)?,
+        None => SocketAddr::from_pathname(OsStr::from_bytes(name))?,
+    };
+    let socket = UnixDatagram::unbound()?;
+    socket.set_nonblocking(true)?;
+    socket.send_to_addr(format!("{state}\n").as_bytes(), &address).map(drop)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::works;
+    use super::*;
+
+    #[test]
+    fn a_manager_is_told_by_its_abstract_name_and_one_that_does_not_listen_is_not_waited_for() {
+        let name = format!("uvcam-test-{}", std::process::id());
+        let manager = UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(&name).unwrap()).unwrap();
+        let name = format!("@{name}");
+        let full = (0..100_000).find_map(|_| send(name.as_bytes(), &NotifyState::Ready).err()).unwrap();
+        assert_eq!(full.kind(), io::ErrorKind::WouldBlock);
+        let mut text = [0; 64];
+        let length = manager.recv(&mut text).unwrap();
+        assert_eq!(&text[..length], b"READY=1\n");
+    }
 
     #[test]
     fn a_stuck_camera_is_worth_a_restart_only_where_none_publishes() {

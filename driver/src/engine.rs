@@ -1,0 +1,168 @@
+//! The running driver: a thread for each camera, a worker for its files, and a main thread that waits for nothing but events.
+//!
+//! The main thread hears signals, the cameras' threads, workers, questions of commands, and the clock. It computes nothing and reads no
+//! file that a person names: what takes long, or may never return, is a worker's.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use signal_hook::iterator::backend::Handle;
+
+use crate::config::Config;
+use crate::error::Error;
+use crate::exit::Exit;
+use crate::generator::Progress;
+use crate::log;
+use crate::mask::MaskInForce;
+use crate::realtime;
+use crate::supervise::Notice;
+
+mod requests;
+mod running;
+mod service_manager;
+mod told;
+mod worker;
+
+use requests::{Collected, Made, Requests};
+use running::Running;
+use service_manager::ServiceManager;
+
+/// How often the main thread looks after dead consumers and its status line.
+const TICK: Duration = Duration::from_secs(1);
+/// How often it looks for questions.
+const GLANCE: Duration = Duration::from_millis(200);
+/// How long the driver's end waits for the cameras' threads.
+const FAREWELL: Duration = Duration::from_secs(10);
+
+/// What the main thread hears of.
+enum Event {
+    Signal(i32),
+    Camera(Notice),
+    Progress { place: usize, progress: Progress },
+    Collected(Box<Collected>),
+    Made(Box<Made>),
+    MaskRead { place: usize, outcome: Result<MaskInForce, Error> },
+}
+
+/// Runs the configured cameras until a signal, the end of the time, or until none of them can work.
+///
+/// # Errors
+/// [`Error::Ipc`] where another driver runs them; [`Error::System`] where the system gives no thread or no signals.
+pub fn run(config: &Config, duration: Option<Duration>) -> Result<Exit, Error> {
+    realtime::lock_memory();
+    let (events, inbox) = channel();
+    let signals = listen(events.clone())?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let started = config.cameras.iter().enumerate();
+    let mut cameras = started
+        .map(|(place, camera)| Running::start(place, camera, config, &events, &stop))
+        .collect::<Result<Vec<_>, Error>>()?;
+    let mut requests = Requests::open(config, events)?;
+
+    let end = duration.map(|duration| Instant::now() + duration);
+    let mut manager = ServiceManager::new();
+    let exit = attend(&mut cameras, &mut requests, &mut manager, config, &inbox, end);
+
+    manager.stopping();
+    requests.cancel();
+    stop.store(true, Ordering::Relaxed);
+    let farewell = Instant::now() + FAREWELL;
+    cameras.iter_mut().for_each(|camera| camera.end(farewell));
+    signals.close();
+    Ok(exit)
+}
+
+fn listen(events: Sender<Event>) -> Result<Handle, Error> {
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(|source| Error::System {
+        doing: "listening to",
+        path: "signals".into(),
+        source,
+    })?;
+    let handle = signals.handle();
+    spawn("signals", move || {
+        for signal in signals.forever() {
+            // Nobody listens only while the driver ends.
+            let _ = events.send(Event::Signal(signal));
+        }
+    })?;
+    Ok(handle)
+}
+
+fn spawn(name: &str, body: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, Error> {
+    std::thread::Builder::new().name(name.into()).spawn(body).map_err(|source| Error::System {
+        doing: "starting thread",
+        path: name.into(),
+        source,
+    })
+}
+
+/// Serves the running cameras until a signal, the end of the time, or until none of them can work.
+fn attend(
+    cameras: &mut [Running],
+    requests: &mut Requests,
+    manager: &mut ServiceManager,
+    config: &Config,
+    inbox: &Receiver<Event>,
+    end: Option<Instant>,
+) -> Exit {
+    let mut next_tick = Instant::now() + TICK;
+    loop {
+        let wake = next_tick.min(Instant::now() + GLANCE);
+        let wake = end.map_or(wake, |end| end.min(wake));
+        match inbox.recv_timeout(wake.saturating_duration_since(Instant::now())) {
+            Ok(Event::Signal(SIGHUP)) => requests.read_masks(cameras),
+            Ok(Event::Signal(_)) => return how_it_went(cameras),
+            Ok(Event::Camera(notice)) => {
+                let place = notice.camera;
+                if notice.is_panic() {
+                    requests.abandon(place);
+                }
+                if !take_notice(cameras, notice) {
+                    tracing::error!("no camera can be used: the driver ends");
+                    return how_it_went(cameras);
+                }
+            }
+            Ok(Event::Progress { place, progress }) => requests.tell(place, progress),
+            Ok(Event::Collected(collected)) => requests.conclude(*collected, cameras),
+            Ok(Event::Made(made)) => requests.answer(*made, cameras),
+            Ok(Event::MaskRead { place, outcome }) => requests.fly(place, outcome, cameras),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return how_it_went(cameras),
+        }
+        requests.attend(cameras);
+        let now = Instant::now();
+        if end.is_some_and(|end| now >= end) {
+            return how_it_went(cameras);
+        }
+        if now >= next_tick {
+            next_tick += TICK;
+            uvcam_shm_ipc::cleanup_dead_nodes(&config.ipc.settings);
+            cameras.iter_mut().for_each(|camera| camera.tick(config));
+            requests.keep_findable(config);
+            log::show_status(&cameras.iter().map(Running::status).collect::<Vec<_>>().join(" | "));
+        }
+        cameras.iter().for_each(Running::serve_newcomers);
+        manager.attend(cameras);
+    }
+}
+
+/// Takes a camera's new state. Returns whether there is a camera that works, or may.
+fn take_notice(cameras: &mut [Running], notice: Notice) -> bool {
+    let Some(camera) = cameras.get_mut(notice.camera) else { return true };
+    camera.enter(notice.state);
+    let goes_on = !cameras.iter().all(Running::is_hopeless);
+    if let Some(camera) = cameras.get_mut(notice.camera) {
+        camera.report(goes_on);
+    }
+    goes_on
+}
+
+/// Done where every camera streams; else the exit code of the first that does not.
+fn how_it_went(cameras: &[Running]) -> Exit {
+    cameras.iter().find_map(Running::trouble).map_or(Exit::Done, Error::exit)
+}
