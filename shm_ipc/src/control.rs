@@ -1,6 +1,6 @@
 //! Questions to the driver of a camera, and its answers, as text.
 //!
-//! The service `uvcam/v1/<camera>/control` is request-response: one question has any number of answers. What the texts mean is between
+//! The service `uvcam/v2/<camera>/control` is request-response: one question has any number of answers. What the texts mean is between
 //! the driver and its commands; this file carries them. Nothing here is near the path of a frame.
 
 use std::fmt;
