@@ -16,6 +16,7 @@ use uvcam_shm_ipc::health::{Health, HealthReader};
 use uvcam_shm_ipc::{Frame, Settings, Subscriber};
 
 pub mod conformance;
+pub mod namespace;
 pub mod network;
 mod shared_memory;
 pub mod users;
