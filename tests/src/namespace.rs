@@ -9,7 +9,7 @@ pub fn options<'a>(namespaces: &[&'a str]) -> Vec<&'a str> {
 }
 
 /// The first of these sets of options with which unshare(1) starts a program here.
-pub fn first_possible<'a, const N: usize>(choices: [Vec<&'a str>; N]) -> Vec<&'a str> {
+pub fn first_possible<const N: usize>(choices: [Vec<&str>; N]) -> Vec<&str> {
     let is_possible = |options: &Vec<&str>| {
         let mut unshare = Command::new("unshare");
         let status = unshare.args(options).arg("true").stdin(Stdio::null()).stderr(Stdio::null()).status();
