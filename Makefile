@@ -84,8 +84,8 @@ microbench: packages ## Measure the parts of the frame path
 	cargo bench --locked --workspace --exclude uvcam-tests
 
 .PHONY: soak
-soak: packages test-packages ## Ten minutes of three cameras among consumers that stop and die; SOAK_S=60 is one minute
-	UVCAM_SOAK_S=$(or $(SOAK_S),600) cargo test --release --locked --package uvcam-tests --test soak -- --nocapture
+soak: packages test-packages ## Ten minutes each of cameras that do not grow, and of consumers that stop and die; SOAK_S=60 is a minute each
+	UVCAM_SOAK_S=$(or $(SOAK_S),600) cargo test --release --locked --package uvcam-tests --test soak -- --nocapture --test-threads 1
 
 .PHONY: build
 build: packages ## Build the driver for flight

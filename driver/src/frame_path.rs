@@ -1,6 +1,6 @@
 //! The way of one frame: complete in its slot, masked there, stamped, sent.
 //!
-//! Laws of this path, from "complete" to "sent":
+//! Laws of this path, from "complete" to "sent", each with a test of its name in `tests/laws.rs` or `tests/loss.rs`:
 //! - no allocation, no copy of pixels, no log, no wait for a consumer;
 //! - a frame that is not whole, or not masked as configured, is never sent;
 //! - what the device is known to have produced and this stream did not publish is counted as soon as it is known, and the next

@@ -19,3 +19,8 @@ pub mod metrics;
 
 pub use crate::image::{GrayImage, ImageView, ImageViewMut, RgbImage};
 pub use crate::mask::{Mask, MaskId, Run};
+
+/// Its example is compiled with the other tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

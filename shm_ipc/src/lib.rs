@@ -45,3 +45,8 @@ pub use service::{frame_service_name, wake_service_name};
 pub use settings::Settings;
 pub use subscriber::{Frame, Subscriber};
 pub use wakeup::Wakeup;
+
+/// Its example is compiled with the other tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -14,8 +14,8 @@ use aravis::{Buffer, BufferStatus, GvStreamOption};
 use rustix::net::{AddressFamily, Protocol, RecvFlags, SocketFlags, SocketType, recv, socket_with};
 use uvcam::camera::{Event, Settings};
 use uvcam::realtime::Realtime;
+use uvcam_emulated::gige_vision::{self, ADDRESS};
 use uvcam_shm_ipc::{FrameHeader, PixelFormat, monotonic_ns};
-use uvcam_tests::emulated::{ADDRESS, EmulatedCamera};
 use uvcam_tests::network::enter_namespace;
 use uvcam_tests::{SharedMemory, open_aravis};
 
@@ -39,7 +39,7 @@ struct Row {
 fn main() {
     enter_namespace();
     std::thread::spawn(see_trailers);
-    let _camera = EmulatedCamera::start("BENCH", 0);
+    let _camera = gige_vision::Camera::start("BENCH", 0);
     let [mut packet, mut plain, mut ours] = [(); 3].map(|()| Row::default());
     for _ in 0..ROUNDS {
         with_library(GvStreamOption::NONE, &mut packet);

@@ -1,11 +1,11 @@
 //! A USB3 Vision camera behind the kernel's USB, libusb and aravis as they are.
 
+use uvcam_emulated::scene::picture;
+use uvcam_emulated::usb::Plugged;
+use uvcam_emulated::usb3_vision::{Camera, Identity};
 use uvcam_masker::ImageView;
 use uvcam_shm_ipc::Flags;
-use uvcam_tests::conformance::{settings, suite};
-use uvcam_tests::scene::picture;
-use uvcam_tests::usb::Plugged;
-use uvcam_tests::usb3_vision::{Camera, Identity};
+use uvcam_tests::conformance::{Case, Kind, settings};
 use uvcam_tests::{Stage, next_frame, open_aravis, stderr};
 
 mod copies;
@@ -23,10 +23,20 @@ fn camera(name: &str, serial: &str) -> String {
     )
 }
 
-#[test]
-fn it_conforms() {
-    let _device = Plugged::new(Camera::new(Identity::with_serial("U3V1")));
-    suite(&|| open_aravis("U3V1").unwrap(), &settings(SIZE.0, SIZE.1));
+mod conforms {
+    use super::*;
+
+    fn run(case: Case) {
+        let _device = Plugged::new(Camera::new(Identity::with_serial("U3V1")));
+        (case.run)(&Kind {
+            open: &|| open_aravis("U3V1").unwrap(),
+            settings: settings(SIZE.0, SIZE.1),
+            takes_gains_db: &[6.0],
+            refuses_gains_db: &[1000.0],
+        });
+    }
+
+    uvcam_tests::conformance!(run);
 }
 
 #[test]

@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::PathBuf;
 
+use uvcam_emulated::scene::picture;
+use uvcam_emulated::usb::Plugged;
+use uvcam_emulated::uvc::{Camera, Fault, SIZE};
 use uvcam_masker::{ImageView, Mask};
 use uvcam_shm_ipc::{Frame, Subscriber, monotonic_ns};
-use uvcam_tests::scene::picture;
-use uvcam_tests::usb::Plugged;
-use uvcam_tests::uvc::{Camera, Fault, SIZE};
 use uvcam_tests::{Process, Stage, health_where, next_frame, stderr, wait_until};
 use v4l::buffer::Type;
 use v4l::control::{Control, Value};

@@ -6,7 +6,7 @@ use rustix::event::{PollFd, PollFlags, poll};
 use uvcam::camera::source::{Source, V4l2, V4l2Device, V4l2Memory};
 use uvcam_masker::{ImageView, Mask};
 use uvcam_shm_ipc::{Flags, Frame};
-use uvcam_tests::conformance::{settings, suite};
+use uvcam_tests::conformance::{Case, Kind, settings};
 use uvcam_tests::{Stage, next_frame, open, stderr};
 use v4l::control::{Control, Value};
 use v4l::v4l_sys::{V4L2_CID_AUTOGAIN, V4L2_CID_GAIN};
@@ -138,18 +138,41 @@ fn fly(source: &str, (pixel_format, fourcc, bytes_per_pixel): (&str, &[u8; 4], u
     println!("\n| vivid, {source}, {pixel_format} | {frames} frames | 0 | - |");
 }
 
-#[test]
-fn it_conforms() {
+fn conforms(memory: V4l2Memory, case: Case) {
     reset();
-    for memory in [V4l2Memory::UserPointer, V4l2Memory::Mapped] {
-        let source = Source::V4l2(V4l2 {
-            device: V4l2Device::Path(NODE.into()),
-            memory: Some(memory),
-            gain_step_db: None,
-            fixed_exposure_us: Some(1000.0),
-        });
-        suite(&|| open(&source).unwrap(), &settings(SIZE.0, SIZE.1));
+    let source = Source::V4l2(V4l2 {
+        device: V4l2Device::Path(NODE.into()),
+        memory: Some(memory),
+        gain_step_db: None,
+        fixed_exposure_us: Some(1000.0),
+    });
+    (case.run)(&Kind {
+        open: &|| open(&source).unwrap(),
+        settings: settings(SIZE.0, SIZE.1),
+        // Its gain has no unit.
+        takes_gains_db: &[],
+        refuses_gains_db: &[3.0],
+    });
+}
+
+mod conforms_by_user_pointers {
+    use super::*;
+
+    fn run(case: Case) {
+        conforms(V4l2Memory::UserPointer, case);
     }
+
+    uvcam_tests::conformance!(run);
+}
+
+mod conforms_by_one_copy {
+    use super::*;
+
+    fn run(case: Case) {
+        conforms(V4l2Memory::Mapped, case);
+    }
+
+    uvcam_tests::conformance!(run);
 }
 
 #[test]

@@ -5,8 +5,9 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use uvcam_tests::usb::{Device, Plugged};
-use uvcam_tests::{Stage, next_frame, stderr, usb3_vision, uvc, wait_until};
+use uvcam_emulated::usb::{Device, Plugged};
+use uvcam_emulated::{usb3_vision, uvc};
+use uvcam_tests::{Stage, next_frame, stderr, wait_until};
 
 /// The longest time from the return of a camera to its first good frame.
 const RECOVERY: Duration = Duration::from_secs(1);

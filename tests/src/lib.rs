@@ -18,14 +18,10 @@ use uvcam_shm_ipc::health::{Health, HealthReader};
 use uvcam_shm_ipc::{Frame, Settings, Subscriber};
 
 pub mod conformance;
-pub mod emulated;
+pub mod namespace;
 pub mod network;
-pub mod scene;
 mod shared_memory;
-pub mod usb;
-pub mod usb3_vision;
 pub mod users;
-pub mod uvc;
 
 pub use shared_memory::SharedMemory;
 

@@ -1,6 +1,8 @@
 //! Each test that opens a port runs in a network namespace of its own: this program, executed again.
 
-use std::process::{Command, Stdio};
+use std::process::Command;
+
+use crate::namespace;
 
 /// Tells the program that it is in its namespace.
 const INSIDE: &str = "UVCAM_TEST_IN_NETWORK_NAMESPACE";
@@ -21,7 +23,7 @@ fn in_namespace_without(wrapper: &[&str], name: &str, body: impl FnOnce()) {
     }
     let program = std::env::current_exe().unwrap();
     let output = Command::new("unshare")
-        .args(namespace_options())
+        .args(namespace::options(&["--net"]))
         .args(["sh", "-c", "ip link set lo up && exec \"$@\"", "sh"])
         .args(wrapper)
         .arg(program)
@@ -43,20 +45,11 @@ pub fn enter_namespace() {
         return;
     }
     let status = Command::new("unshare")
-        .args(namespace_options())
+        .args(namespace::options(&["--net"]))
         .args(["sh", "-c", "ip link set lo up && exec \"$@\"", "sh"])
         .arg(std::env::current_exe().unwrap())
         .env(INSIDE, "1")
         .status()
         .expect("unshare: install the packages util-linux and iproute2");
     std::process::exit(status.code().unwrap_or(1));
-}
-
-/// Root makes a network namespace; anyone else needs a user namespace around it.
-fn namespace_options() -> &'static [&'static str] {
-    let plain = Command::new("unshare").args(["--net", "true"]).stderr(Stdio::null()).status();
-    match plain.is_ok_and(|status| status.success()) {
-        true => &["--net"],
-        false => &["--net", "--map-root-user"],
-    }
 }

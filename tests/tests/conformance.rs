@@ -3,9 +3,9 @@
 
 use uvcam::camera::source::{Simulated, Source};
 use uvcam::camera::{CameraError, Settings};
+use uvcam_emulated::gige_vision::{self, ADDRESS};
 use uvcam_shm_ipc::PixelFormat;
-use uvcam_tests::conformance::{Started, settings, suite};
-use uvcam_tests::emulated::{ADDRESS, EmulatedCamera};
+use uvcam_tests::conformance::{Case, Kind, Started, settings};
 use uvcam_tests::network::in_namespace;
 use uvcam_tests::{SharedMemory, open, open_aravis, open_replay};
 
@@ -13,36 +13,77 @@ fn simulated(readout_us: f64) -> Source {
     Source::Simulated(Simulated { serial: "SIM".into(), still: false, readout_us, faults: vec![] })
 }
 
-#[test]
-fn the_simulated_camera_conforms() {
-    let source = simulated(0.0);
-    suite(&|| open(&source).unwrap(), &settings(160, 120));
-}
+mod simulated_camera {
+    use super::*;
 
-#[test]
-fn the_simulated_camera_conforms_with_two_bytes_a_pixel() {
-    let source = simulated(0.0);
-    suite(&|| open(&source).unwrap(), &Settings { pixel_format: PixelFormat::Mono12, ..settings(160, 120) });
-}
-
-#[test]
-fn the_replay_camera_conforms() {
-    let folder = tempfile::tempdir().unwrap();
-    for index in 0..3u8 {
-        let picture = image::GrayImage::from_pixel(64, 48, image::Luma([100 + index]));
-        picture.save(folder.path().join(format!("{index}.png"))).unwrap();
+    fn run(case: Case) {
+        let source = simulated(0.0);
+        (case.run)(&Kind {
+            open: &|| open(&source).unwrap(),
+            settings: settings(160, 120),
+            takes_gains_db: &[6.0],
+            refuses_gains_db: &[1000.0],
+        });
     }
-    suite(&|| open_replay(folder.path()).unwrap(), &settings(64, 48));
+
+    uvcam_tests::conformance!(run);
 }
 
-#[test]
-fn the_aravis_camera_conforms() {
-    in_namespace("the_aravis_camera_conforms", || {
-        let _program = EmulatedCamera::start("GV1", 0);
-        // The program draws black below 10 ms.
-        let settings = Settings { exposure_us: 10_000.0, ..settings(512, 512) };
-        suite(&|| open_aravis(ADDRESS).unwrap(), &settings);
-    });
+mod simulated_camera_mono12 {
+    use super::*;
+
+    fn run(case: Case) {
+        let source = simulated(0.0);
+        (case.run)(&Kind {
+            open: &|| open(&source).unwrap(),
+            settings: Settings { pixel_format: PixelFormat::Mono12, ..settings(160, 120) },
+            takes_gains_db: &[6.0],
+            refuses_gains_db: &[1000.0],
+        });
+    }
+
+    uvcam_tests::conformance!(run);
+}
+
+mod replay_camera {
+    use super::*;
+
+    fn run(case: Case) {
+        let folder = tempfile::tempdir().unwrap();
+        for index in 0..3u8 {
+            let picture = image::GrayImage::from_pixel(64, 48, image::Luma([100 + index]));
+            picture.save(folder.path().join(format!("{index}.png"))).unwrap();
+        }
+        (case.run)(&Kind {
+            open: &|| open_replay(folder.path()).unwrap(),
+            settings: settings(64, 48),
+            // A picture does not tell: what the configuration says is believed.
+            takes_gains_db: &[6.0],
+            refuses_gains_db: &[],
+        });
+    }
+
+    uvcam_tests::conformance!(run);
+}
+
+mod gige_vision_camera {
+    use super::*;
+
+    fn run(case: Case) {
+        in_namespace(case.name, || {
+            let _program = gige_vision::Camera::start("GV1", 0);
+            (case.run)(&Kind {
+                open: &|| open_aravis(ADDRESS).unwrap(),
+                // The program draws black below 10 ms.
+                settings: Settings { exposure_us: 10_000.0, ..settings(512, 512) },
+                // Its gain has no unit.
+                takes_gains_db: &[],
+                refuses_gains_db: &[3.0],
+            });
+        });
+    }
+
+    uvcam_tests::conformance!(run);
 }
 
 #[test]

@@ -5,10 +5,10 @@
 use rustix::process::Signal;
 use serde_json::Value;
 use uvcam::camera::simulated::airframe;
+use uvcam_emulated::gige_vision;
 use uvcam_masker::{Mask, file};
 use uvcam_shm_ipc::control::{Answer, ControlClient, LONGEST_TEXT};
 use uvcam_shm_ipc::health::State;
-use uvcam_tests::emulated::EmulatedCamera;
 use uvcam_tests::network::in_namespace;
 use uvcam_tests::{Process, Stage, health_where, next_frame, simulated, stderr, wait_until};
 
@@ -367,7 +367,7 @@ fn masks_are_made_from_files() {
 #[test]
 fn a_gige_vision_camera_generates_its_mask() {
     in_namespace("a_gige_vision_camera_generates_its_mask", || {
-        let _device = EmulatedCamera::start("GV01", 0);
+        let _device = gige_vision::Camera::start("GV01", 0);
         let stage = Stage::new(
             "[[camera]]\nname = \"left\"\nsource = { kind = \"aravis\", serial = \"127.0.0.1\" }\n\
              width = 640\nheight = 480\nfps = 25\nexposure_us = 10000\nmask = \"left.png\"\n\

@@ -3,9 +3,9 @@
 
 use std::collections::HashMap;
 
+use uvcam_emulated::gige_vision;
 use uvcam_masker::{ImageView, Mask};
 use uvcam_shm_ipc::{Flags, Frame};
-use uvcam_tests::emulated::EmulatedCamera;
 use uvcam_tests::network::in_namespace;
 use uvcam_tests::{Stage, next_frame, stderr};
 
@@ -22,7 +22,7 @@ fn camera(mask: &str) -> String {
 
 /// Runs the driver on a camera that was just switched on, and hands over every frame.
 fn run(mask: &str, frames: usize, mut look: impl FnMut(&Frame)) {
-    let _device = EmulatedCamera::start("GV01", 0);
+    let _device = gige_vision::Camera::start("GV01", 0);
     let stage = Stage::new(&camera(mask));
     half_mask().save(&stage.file("mask.png"), &[]).unwrap();
     // Open before the driver starts, so that the first frame is seen as well.

@@ -34,14 +34,16 @@ fn field(status: &str, key: &str) -> String {
     line.trim_start_matches(':').trim().to_owned()
 }
 
-/// Whether this program, and so the driver, has the right or a limit that stands for it.
-fn may(capability: CapabilitySet, limit: Resource, needed: u64) -> bool {
+/// This program, and so the driver, must have the right, or a limit that stands for it.
+fn assert_may(capability: CapabilitySet, limit: Resource, needed: u64, remedy: &str) {
     let capable = capabilities(None).unwrap().effective.contains(capability);
-    capable || getrlimit(limit).current.is_none_or(|limit| limit >= needed)
+    let allowed = getrlimit(limit).current.is_none_or(|limit| limit >= needed);
+    assert!(capable || allowed, "this test needs {capability:?}: run it as root, or after `{remedy}`");
 }
 
 #[test]
-fn a_camera_thread_is_scheduled_as_configured_or_the_driver_says_what_is_missing() {
+fn with_the_right_a_camera_thread_is_scheduled_as_configured() {
+    assert_may(CapabilitySet::SYS_NICE, Resource::Rtprio, 7, "ulimit -r 7");
     let stage = stage();
     let driver = stage.driver();
     next_frame(&mut stage.subscriber("left"));
@@ -50,13 +52,7 @@ fn a_camera_thread_is_scheduled_as_configured_or_the_driver_says_what_is_missing
     let scheduled: [u64; 2] = [37, 38].map(|at| fields[at].parse().unwrap());
     assert_eq!(field(&status, "Cpus_allowed_list"), "0");
     let said = stderr(&driver.stop());
-    match may(CapabilitySet::SYS_NICE, Resource::Rtprio, 7) {
-        true => assert_eq!(scheduled, [7, SCHED_FIFO], "{said}"),
-        false => {
-            assert_eq!(scheduled, [0, SCHED_OTHER]);
-            assert!(said.contains("left: not at real-time priority 7"), "{said}");
-        }
-    }
+    assert_eq!(scheduled, [7, SCHED_FIFO], "{said}");
 }
 
 #[test]
@@ -77,18 +73,16 @@ fn what_reads_pictures_ahead_has_no_priority() {
 }
 
 #[test]
-fn memory_is_locked_or_the_driver_says_what_is_missing() {
+fn with_the_right_memory_is_locked() {
+    assert_may(CapabilitySet::IPC_LOCK, Resource::Memlock, u64::MAX, "ulimit -l unlimited");
     let stage = stage();
     let driver = stage.driver();
     next_frame(&mut stage.subscriber("left"));
     let status = fs::read_to_string(format!("/proc/{}/status", driver.id())).unwrap();
     let locked_kb: u64 = field(&status, "VmLck").trim_end_matches(" kB").parse().unwrap();
     let said = stderr(&driver.stop());
-    match may(CapabilitySet::IPC_LOCK, Resource::Memlock, u64::MAX) {
-        // All slots of 752x480, at least.
-        true => assert!(locked_kb > 40_000, "{locked_kb} kB"),
-        false => assert!(said.contains("memory is not locked"), "{said}"),
-    }
+    // All slots of 752x480, at least.
+    assert!(locked_kb > 40_000, "{locked_kb} kB: {said}");
 }
 
 #[test]
@@ -103,6 +97,10 @@ fn without_the_rights_it_warns_and_works() {
     }
     let driver = Process::start(command.arg(run.get_program()).args(run.get_args()));
     next_frame(&mut stage.subscriber("left"));
+    let (fields, status) = thread(driver.id(), "left");
+    assert_eq!([37, 38].map(|at| fields[at].parse::<u64>().unwrap()), [0, SCHED_OTHER]);
+    // Cores need no right.
+    assert_eq!(field(&status, "Cpus_allowed_list"), "0");
     let said = stderr(&driver.stop());
     assert!(said.contains("left: not at real-time priority 7") && said.contains("CAP_SYS_NICE"), "{said}");
     assert!(said.contains("memory is not locked") && said.contains("the limit is 8 MB"), "{said}");

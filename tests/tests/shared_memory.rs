@@ -11,7 +11,9 @@ use std::time::Duration;
 
 use rustix::process::Signal;
 use uvcam::config::Config;
-use uvcam_tests::{Process, Stage, binary, health_where, next_frame, simulated, stderr, wait_until};
+use uvcam_tests::{
+    Process, Stage, binary, health_where, namespace, next_frame, simulated, stderr, wait_until,
+};
 
 /// A user that the tests do not run as.
 const NOBODY: u32 = 65534;
@@ -35,20 +37,16 @@ fn shared(stage: &Stage, end: &str) -> Vec<PathBuf> {
 /// Runs a script of sh(1) in namespaces of its own for mounts and processes, with `$U` for the program, `$C` for its configuration, and these arguments.
 fn in_namespace(stage: &Stage, script: &str, arguments: &[&str]) -> Output {
     // The doctor examines a running driver, which must not be another test's.
-    let options = ["--mount", "--pid", "--fork", "--mount-proc"];
-    // Root makes a namespace; anyone else needs a user namespace around it.
-    let plain = Command::new("unshare").args(options).arg("true").stderr(Stdio::null()).status();
-    let user: &[&str] = if plain.is_ok_and(|status| status.success()) { &[] } else { &["--map-root-user"] };
+    let namespaces = ["--mount", "--pid", "--fork", "--mount-proc"];
     Command::new("unshare")
-        .args(options)
-        .args(user)
+        .args(namespace::options(&namespaces))
         .args(["sh", "-c", script, "sh"])
         .args(arguments)
         .env("U", binary())
         .env("C", stage.file("uvcam.toml"))
         .stdin(Stdio::null())
         .output()
-        .expect("unshare: install the package util-linux")
+        .unwrap()
 }
 
 /// Every command that signs in; each says its exit code.

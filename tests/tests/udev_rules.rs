@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use tempfile::TempDir;
+use uvcam_tests::namespace;
 
 /// The rules, as they are installed.
 fn rules() -> PathBuf {
@@ -57,7 +58,8 @@ impl Machine {
         let script = "mount --bind \"$1/sys\" /sys && mount -t tmpfs tmpfs /run && mount -t tmpfs tmpfs /etc/udev/rules.d \
                       && cp \"$2\" /etc/udev/rules.d/ && exec udevadm test --action=add \"$3\" 2>&1";
         let output = Command::new("unshare")
-            .args(["--mount", "--map-root-user", "sh", "-c", script, "sh"])
+            .args(namespace::options(&["--mount"]))
+            .args(["sh", "-c", script, "sh"])
             .args([self.root.path(), &rules(), Path::new(device)])
             .env("SYSTEMD_DEVICE_VERIFY_SYSFS", "0")
             .env("SYSTEMD_LOG_LEVEL", "debug")

@@ -5,12 +5,15 @@
 use libfuzzer_sys::fuzz_target;
 use uvcam_fuzz::health;
 // The consumer's own count of losses and its prediction of the next frame are no part of its interface.
+// rustfmt would look for the files of their tests here.
 use uvcam_shm_ipc as header;
 
 #[allow(dead_code)]
+#[rustfmt::skip]
 #[path = "../../../shm_ipc/src/continuity.rs"]
 mod continuity;
 #[allow(dead_code)]
+#[rustfmt::skip]
 #[path = "../../../shm_ipc/src/prediction.rs"]
 mod prediction;
 

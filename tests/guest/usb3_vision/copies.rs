@@ -4,8 +4,8 @@ use std::fs;
 use std::ops::Range;
 use std::path::Path;
 
-use uvcam_tests::usb::Plugged;
-use uvcam_tests::usb3_vision::{Camera, Identity};
+use uvcam_emulated::usb::Plugged;
+use uvcam_emulated::usb3_vision::{Camera, Identity};
 use uvcam_tests::{Process, Stage, next_frame};
 
 use super::{BYTES, SIZE, camera};

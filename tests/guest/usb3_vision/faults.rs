@@ -2,11 +2,11 @@
 
 use std::time::{Duration, Instant};
 
+use uvcam_emulated::scene::picture;
+use uvcam_emulated::usb::Plugged;
+use uvcam_emulated::usb3_vision::{Camera, Fault, Identity};
 use uvcam_masker::{ImageView, Mask};
 use uvcam_shm_ipc::Subscriber;
-use uvcam_tests::scene::picture;
-use uvcam_tests::usb::Plugged;
-use uvcam_tests::usb3_vision::{Camera, Fault, Identity};
 use uvcam_tests::{Process, Stage, next_frame, wait_until};
 
 use super::{BYTES, SIZE, camera};

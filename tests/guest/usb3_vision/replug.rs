@@ -2,8 +2,8 @@
 
 use std::fs;
 
-use uvcam_tests::usb::Plugged;
-use uvcam_tests::usb3_vision::{Camera, Identity};
+use uvcam_emulated::usb::Plugged;
+use uvcam_emulated::usb3_vision::{Camera, Identity};
 use uvcam_tests::{Process, Stage, next_frame, wait_until};
 
 use super::{SIZE, camera};

@@ -6,7 +6,7 @@ use uvcam::camera::source::{self, Source, list};
 use uvcam::camera::{CameraError, Event, Settings};
 use uvcam::realtime::Realtime;
 
-use uvcam_tests::emulated::{ADDRESS, EmulatedCamera};
+use uvcam_emulated::gige_vision::{self, ADDRESS};
 use uvcam_tests::network::{in_namespace, in_namespace_without_net_raw};
 use uvcam_tests::open_aravis;
 
@@ -15,7 +15,7 @@ use crate::{PATIENCE, SETTINGS, SLOTS, is_ramp, ready, whole};
 #[test]
 fn five_hundred_frames_without_a_loss() {
     in_namespace("gige::five_hundred_frames_without_a_loss", || {
-        let _program = EmulatedCamera::start("GV500", 0);
+        let _program = gige_vision::Camera::start("GV500", 0);
         let (mut camera, ..) = ready(ADDRESS, &SETTINGS);
         camera.start().unwrap();
         let mut last: Option<(u64, u64, u64)> = None;
@@ -39,7 +39,7 @@ fn the_thread_that_completes_frames_is_scheduled_as_the_one_that_opened_the_came
     in_namespace(
         "gige::the_thread_that_completes_frames_is_scheduled_as_the_one_that_opened_the_camera",
         || {
-            let _program = EmulatedCamera::start("GV7", 0);
+            let _program = gige_vision::Camera::start("GV7", 0);
             // Cores need no rights, priorities do; both are inherited in the same way.
             Realtime { priority: 0, cpus: vec![0] }.apply("GV7");
             let (mut camera, ..) = ready(ADDRESS, &SETTINGS);
@@ -58,7 +58,7 @@ fn the_thread_that_completes_frames_is_scheduled_as_the_one_that_opened_the_came
 #[test]
 fn found_by_serial_device_id_and_address() {
     in_namespace("gige::found_by_serial_device_id_and_address", || {
-        let _program = EmulatedCamera::start("GV7", 0);
+        let _program = gige_vision::Camera::start("GV7", 0);
         let listed = list();
         let [identity] = &listed[..] else { panic!("one camera was expected, not {listed:?}") };
         assert_eq!(
@@ -74,7 +74,7 @@ fn found_by_serial_device_id_and_address() {
 #[test]
 fn white_space_around_a_serial_is_none_of_it() {
     in_namespace("gige::white_space_around_a_serial_is_none_of_it", || {
-        let _program = EmulatedCamera::start(" GV7 ", 0);
+        let _program = gige_vision::Camera::start(" GV7 ", 0);
         // The first time by a search, then where it was.
         for wanted in ["GV7", "GV7 "] {
             let mut source = source::of(&Source::Aravis { serial: wanted.into() });
@@ -88,7 +88,7 @@ fn white_space_around_a_serial_is_none_of_it() {
 #[test]
 fn a_serial_controls_no_terminal() {
     in_namespace("gige::a_serial_controls_no_terminal", || {
-        let _program = EmulatedCamera::start("GV\u{1b}[2J7", 0);
+        let _program = gige_vision::Camera::start("GV\u{1b}[2J7", 0);
         let listed = list();
         assert_eq!(listed[0].serial, "GV\u{fffd}[2J7");
         assert!(!open_aravis("GV8").unwrap_err().to_string().contains('\u{1b}'));
@@ -98,7 +98,7 @@ fn a_serial_controls_no_terminal() {
 #[test]
 fn a_missing_camera_names_those_that_are_there() {
     in_namespace("gige::a_missing_camera_names_those_that_are_there", || {
-        let _program = EmulatedCamera::start("GV7", 0);
+        let _program = gige_vision::Camera::start("GV7", 0);
         // A number is a serial, not the address 0.0.48.57.
         for wanted in ["GV8", "12345"] {
             let error = open_aravis(wanted).unwrap_err();
@@ -123,7 +123,7 @@ fn an_address_without_a_camera_is_absent() {
 #[test]
 fn a_camera_in_use_is_refused() {
     in_namespace("gige::a_camera_in_use_is_refused", || {
-        let _program = EmulatedCamera::start("GV7", 0);
+        let _program = gige_vision::Camera::start("GV7", 0);
         let _first = open_aravis(ADDRESS).unwrap();
         let error = open_aravis(ADDRESS).unwrap_err();
         assert!(error.to_string().contains("another program controls it"), "{error}");
@@ -133,7 +133,7 @@ fn a_camera_in_use_is_refused() {
 #[test]
 fn a_refused_setting_names_the_range() {
     in_namespace("gige::a_refused_setting_names_the_range", || {
-        let _program = EmulatedCamera::start("GV7", 0);
+        let _program = gige_vision::Camera::start("GV7", 0);
         let mut camera = open_aravis(ADDRESS).unwrap();
         let error = camera.configure(&Settings { exposure_us: 1.0, ..SETTINGS }).unwrap_err();
         assert!(error.is_refusal() && error.to_string().contains("10 to 10000000"), "{error}");
@@ -145,7 +145,7 @@ fn a_refused_setting_names_the_range() {
 #[test]
 fn only_whole_frames_are_complete_and_ids_tell_of_the_others() {
     in_namespace("gige::only_whole_frames_are_complete_and_ids_tell_of_the_others", || {
-        let _program = EmulatedCamera::start("GVLOSS", 2);
+        let _program = gige_vision::Camera::start("GVLOSS", 2);
         let (mut camera, ..) = ready(ADDRESS, &SETTINGS);
         camera.start().unwrap();
         let mut last_id = None;
@@ -179,7 +179,7 @@ fn only_whole_frames_are_complete_and_ids_tell_of_the_others() {
 #[test]
 fn frames_that_find_no_slot_are_counted() {
     in_namespace("gige::frames_that_find_no_slot_are_counted", || {
-        let _program = EmulatedCamera::start("GV7", 0);
+        let _program = gige_vision::Camera::start("GV7", 0);
         let (mut camera, ..) = ready(ADDRESS, &SETTINGS);
         camera.start().unwrap();
         let held: Vec<_> = (0..SLOTS).map(|_| whole(camera.as_mut())).collect();
@@ -204,7 +204,7 @@ fn frames_that_find_no_slot_are_counted() {
 #[test]
 fn a_killed_camera_is_disconnected_and_opens_again() {
     in_namespace("gige::a_killed_camera_is_disconnected_and_opens_again", || {
-        let program = EmulatedCamera::start("GV7", 0);
+        let program = gige_vision::Camera::start("GV7", 0);
         let (mut camera, ..) = ready(ADDRESS, &SETTINGS);
         camera.start().unwrap();
         let capture = whole(camera.as_mut());
@@ -216,7 +216,7 @@ fn a_killed_camera_is_disconnected_and_opens_again() {
         assert!(matches!(camera.next(PATIENCE), Err(CameraError::Disconnected { .. })));
         drop(camera);
 
-        let _program = EmulatedCamera::start("GV7", 0);
+        let _program = gige_vision::Camera::start("GV7", 0);
         let (mut camera, ..) = ready(ADDRESS, &SETTINGS);
         camera.start().unwrap();
         for frame_id in 0..25 {
@@ -230,7 +230,7 @@ fn a_killed_camera_is_disconnected_and_opens_again() {
 #[test]
 fn streams_without_the_right_to_packet_sockets() {
     in_namespace_without_net_raw("gige::streams_without_the_right_to_packet_sockets", || {
-        let _program = EmulatedCamera::start("GV7", 0);
+        let _program = gige_vision::Camera::start("GV7", 0);
         // A frame that the smallest usual socket buffer holds.
         let (mut camera, ..) = ready(ADDRESS, &Settings { width: 320, height: 200, ..SETTINGS });
         camera.start().unwrap();

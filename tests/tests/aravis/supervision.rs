@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
+use uvcam_emulated::gige_vision::{self, ADDRESS};
 use uvcam_shm_ipc::Subscriber;
 use uvcam_shm_ipc::health::{Cause, State};
-use uvcam_tests::emulated::{ADDRESS, EmulatedCamera};
 use uvcam_tests::network::in_namespace;
 use uvcam_tests::{Stage, health_where, next_frame, simulated, stderr};
 
@@ -31,7 +31,7 @@ fn recovery(subscriber: &mut Subscriber, since: Instant) -> Duration {
 
 /// Kills and restarts the camera `serial` after each of these pauses; `wanted` is what the configuration names.
 fn dies_and_comes_back(serial: &str, wanted: &str, pauses_s: &[f64]) {
-    let mut program = EmulatedCamera::start(serial, 0);
+    let mut program = gige_vision::Camera::start(serial, 0);
     let stage = Stage::new(&(gige(wanted) + &simulated("right", "none", "")));
     let sibling = stage.watch(&["right"]);
     let mut left = stage.subscriber("left");
@@ -46,7 +46,7 @@ fn dies_and_comes_back(serial: &str, wanted: &str, pauses_s: &[f64]) {
         assert!(told.contains(&failed.cause().unwrap()), "{failed:?}");
         // Time passes here because it is what is tested.
         std::thread::sleep(Duration::from_secs_f64(*pause_s));
-        program = EmulatedCamera::start(serial, 0);
+        program = gige_vision::Camera::start(serial, 0);
         let took = recovery(&mut left, Instant::now());
         println!(
             "{wanted}: first whole frame {took:.2?} after the camera's return, gone {pause_s} s after it was missed"
@@ -77,14 +77,14 @@ fn a_camera_that_dies_is_found_again_at_its_address() {
 #[test]
 fn another_camera_at_the_address_is_not_flown_and_itself_is() {
     in_namespace("supervision::another_camera_at_the_address_is_not_flown_and_itself_is", || {
-        let program = EmulatedCamera::start("GV7", 0);
+        let program = gige_vision::Camera::start("GV7", 0);
         let stage = Stage::new(&gige(ADDRESS));
         let mut left = stage.subscriber("left");
         let driver = stage.driver();
         next_frame(&mut left);
         let mut health = stage.health("left");
         drop(program);
-        let program = EmulatedCamera::start("GV8", 0);
+        let program = gige_vision::Camera::start("GV8", 0);
         let refused = health_where("the refusal", &mut health, |health| {
             health.state() == Ok(State::Reconnecting) && health.last_error().contains("GV8")
         });
@@ -97,7 +97,7 @@ fn another_camera_at_the_address_is_not_flown_and_itself_is() {
         while left.next().unwrap().is_some() {}
         assert_eq!(left.epochs(), 1, "a frame of the other camera");
         drop(program);
-        let _program = EmulatedCamera::start("GV7", 0);
+        let _program = gige_vision::Camera::start("GV7", 0);
         recovery(&mut left, Instant::now());
         assert_eq!(left.epochs(), 2);
         let output = driver.stop();
@@ -109,7 +109,7 @@ fn another_camera_at_the_address_is_not_flown_and_itself_is() {
 #[test]
 fn an_absent_camera_beside_another_one_is_told_once() {
     in_namespace("supervision::an_absent_camera_beside_another_one_is_told_once", || {
-        let _program = EmulatedCamera::start("OTHER", 0);
+        let _program = gige_vision::Camera::start("OTHER", 0);
         let stage = Stage::new(&(gige("GV7") + &simulated("right", "none", "")));
         let mut right = stage.subscriber("right");
         let driver = stage.driver();
@@ -131,7 +131,7 @@ fn where_no_frame_is_ever_whole_firewall_and_packet_size_are_named() {
     in_namespace(name, || {
         // Nothing comes at all, and of every frame of about 220 packets a part.
         for (lost_per_thousand, expected) in [(1000, "no whole frame for"), (100, "none of them whole")] {
-            let _program = EmulatedCamera::start("GV7", lost_per_thousand);
+            let _program = gige_vision::Camera::start("GV7", lost_per_thousand);
             let output = Stage::new(&gige(ADDRESS)).driver().finish();
             let text = stderr(&output);
             assert_eq!(output.status.code(), Some(4), "{text}");
@@ -149,7 +149,7 @@ fn with_two_lost_packets_in_ten_thousand_every_frame_is_whole_and_every_loss_cou
     let name =
         "supervision::with_two_lost_packets_in_ten_thousand_every_frame_is_whole_and_every_loss_counted";
     in_namespace(name, || {
-        let _program = EmulatedCamera::start("GVLOSS", 0.2);
+        let _program = gige_vision::Camera::start("GVLOSS", 0.2);
         let stage = Stage::new(&gige("GVLOSS"));
         let mut left = stage.subscriber("left");
         let driver = stage.driver();

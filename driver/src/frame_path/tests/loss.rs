@@ -1,4 +1,5 @@
-//! What is counted as lost, over random ends of random streams.
+//! "What the device is known to have produced and this stream did not publish is counted as soon as it is known, and the next header
+//! tells": over ends of streams that were thought of, and random ones.
 
 use std::collections::VecDeque;
 

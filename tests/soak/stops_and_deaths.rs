@@ -1,7 +1,4 @@
 //! Three cameras with four consumers each, of which one stops now and then and one dies now and then: the others lose nothing.
-//!
-//! `make soak` lets it run for ten minutes, alone: what a consumer loses on a busy machine tells of that machine.
-#![allow(clippy::unwrap_used)]
 
 use std::time::{Duration, Instant};
 
@@ -20,7 +17,7 @@ const LOST_PER_STOP: u64 = STOPPED_S * 60 - 20;
 
 #[test]
 fn consumers_that_stop_and_die_cost_the_others_nothing() {
-    let seconds: u64 = std::env::var("UVCAM_SOAK_S").map_or(20, |text| text.parse().unwrap());
+    let seconds = crate::seconds();
     let stage = Stage::new(&CAMERAS.map(|name| simulated(name, "{camera}.png", "")).concat());
     for name in CAMERAS {
         stage.write_mask(&format!("{name}.png"), (752, 480), 60);

@@ -1,22 +1,25 @@
-//! A GigE Vision camera that is a program of its own.
+//! A GigE Vision camera on loopback: aravis' own, which is a program.
 
 use std::io::ErrorKind;
 use std::process::{Child, Command, Stdio};
-use std::thread;
-use std::time::{Duration, Instant};
+
+use crate::wait_until;
 
 const PROGRAM: &str = "arv-fake-gv-camera-0.8";
 
-/// Where it listens, in a network namespace of its own.
+/// Where it listens. There is one to a network namespace: its ports are those of the standard.
 pub const ADDRESS: &str = "127.0.0.1";
 
-/// The running program; killed when dropped.
-pub struct EmulatedCamera {
+/// The running program. Dropping it kills it, without a word on the wire.
+pub struct Camera {
     program: Child,
 }
 
-impl EmulatedCamera {
+impl Camera {
     /// Starts the camera `serial`, which loses `lost_per_thousand` of its packets, and waits until it listens.
+    ///
+    /// # Panics
+    /// Where the program is not installed, or another one has its port.
     pub fn start(serial: &str, lost_per_thousand: impl Into<f64>) -> Self {
         let lost = lost_per_thousand.into().to_string();
         let program = Command::new(PROGRAM)
@@ -28,19 +31,17 @@ impl EmulatedCamera {
                 ErrorKind::NotFound => panic!("{PROGRAM} is not installed: install the package aravis-tools"),
                 _ => panic!("{PROGRAM}: {error}"),
             });
-        let mut camera = EmulatedCamera { program };
-        let deadline = Instant::now() + Duration::from_secs(10);
-        while !is_listening() {
+        let mut camera = Camera { program };
+        wait_until("the GigE Vision camera listens", || {
             let exit = camera.program.try_wait().unwrap();
             assert!(exit.is_none(), "{PROGRAM} ended: {exit:?}");
-            assert!(Instant::now() < deadline, "{PROGRAM} does not listen");
-            thread::sleep(Duration::from_millis(5));
-        }
+            is_listening()
+        });
         camera
     }
 }
 
-impl Drop for EmulatedCamera {
+impl Drop for Camera {
     fn drop(&mut self) {
         self.program.kill().unwrap();
         self.program.wait().unwrap();

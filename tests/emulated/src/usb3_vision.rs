@@ -1,4 +1,4 @@
-//! A USB3 Vision camera that is a program, down to its USB descriptors. See the README in this module's folder.
+//! A USB3 Vision camera that is a program, down to its USB descriptors. See the README of this package.
 
 use std::time::{Duration, Instant};
 
