@@ -175,6 +175,17 @@ impl IpcError {
                 | IpcError::AddressSpace { .. }
         )
     }
+
+    /// Whether it may end when other programs do: a predecessor stops, consumers let go, files are half made or half removed.
+    pub(crate) fn ends_with_others(&self) -> bool {
+        matches!(
+            self,
+            IpcError::AlreadyPublishing(_)
+                | IpcError::Incompatible { .. }
+                | IpcError::TooManyConsumers(_)
+                | IpcError::System { .. }
+        )
+    }
 }
 
 /// Why a publisher has no slot to give.

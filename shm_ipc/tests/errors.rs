@@ -114,7 +114,7 @@ fn names_and_numbers_that_cannot_be() {
 #[test]
 fn services_and_frames_that_somebody_holds() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let error = Publisher::create(&place.settings, CAMERA, FRAME_BYTES, LOANS).unwrap_err();
     assert!(matches!(error, IpcError::AlreadyPublishing(_)), "{error:?}");
     says(&error, &["\"left\"", "another running driver", "another camera name or prefix"]);
@@ -127,11 +127,11 @@ fn services_and_frames_that_somebody_holds() {
 
     let held: Vec<_> = (0..place.settings.borrowed as u64)
         .map(|sequence| {
-            publish(&publisher, 7, sequence);
+            publish(&mut publisher, 7, sequence);
             receive(&mut subscriber)
         })
         .collect();
-    publish(&publisher, 7, 9);
+    publish(&mut publisher, 7, 9);
     let error = subscriber.next().unwrap_err();
     assert!(matches!(error, IpcError::TooManyHeld(_)), "{error:?}");
     says(&error, &["\"left\"", "drop one", "borrowed"]);
@@ -156,7 +156,7 @@ fn services_and_frames_that_somebody_holds() {
 #[test]
 fn a_header_that_does_not_describe_its_frame() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let header = FrameHeader::new(2 * WIDTH, HEIGHT, 2 * WIDTH, PixelFormat::Mono8);
     let error = publisher.publish(publisher.loan().unwrap(), &header).unwrap_err();
     assert!(matches!(error, IpcError::Header(_)), "{error:?}");
@@ -247,7 +247,7 @@ fn a_full_shared_memory_is_told_to_whoever_comes() {
         assert!(matches!(error, IpcError::SharedMemoryFull { slots: 15, .. }), "{error:?}");
         says(&error, &["/dev/shm has 8 MB free", "\"left\" needs 3", "--shm-size", "max_subscribers"]);
         // Somebody flies already; then another program takes all there is.
-        let publisher = place.publisher();
+        let mut publisher = place.publisher();
         let health = HealthPublisher::create(&place.settings, CAMERA).unwrap();
         let (mut subscriber, mut reader) =
             (place.subscriber(), HealthReader::open(&place.settings, CAMERA).unwrap().unwrap());
@@ -262,7 +262,7 @@ fn a_full_shared_memory_is_told_to_whoever_comes() {
         }
         // Who was there goes on, through every slot and record.
         for sequence in 0..100 {
-            publish(&publisher, 7, sequence);
+            publish(&mut publisher, 7, sequence);
             assert_pixels(&receive(&mut subscriber));
             health.publish(&uvcam_shm_ipc::health::Health::new()).unwrap();
             reader.wait(PATIENCE).unwrap().unwrap();
@@ -276,7 +276,7 @@ fn a_full_shared_memory_takes_no_question_and_no_answer() {
         let place = Place::new();
         let server = ControlServer::create(&place.settings, CAMERA).unwrap();
         let client = ControlClient::open(&place.settings, CAMERA).unwrap().unwrap();
-        let _answers = client.ask("first").unwrap();
+        let _replies = client.request("first").unwrap();
         let mut question = None;
         wait_until("the question", || {
             question = server.next().unwrap();
@@ -284,8 +284,8 @@ fn a_full_shared_memory_takes_no_question_and_no_answer() {
         });
         let free = statvfs("/dev/shm").unwrap();
         fs::write("/dev/shm/full", vec![1; usize::try_from(free.f_bavail * free.f_frsize).unwrap()]).unwrap();
-        assert!(!question.unwrap().answer(&"x".repeat(200_000)));
-        let error = client.ask(&"x".repeat(200_000)).map(drop).unwrap_err();
+        assert!(!question.unwrap().reply(&"x".repeat(200_000)));
+        let error = client.request(&"x".repeat(200_000)).map(drop).unwrap_err();
         assert!(matches!(error, IpcError::NoRoom { .. }), "{error:?}");
     });
 }

@@ -111,7 +111,7 @@ fn from_complete_to_sent_nothing_is_allocated() {
     let place = Place::new();
     let settings = &place.settings;
     let frame_bytes = (WIDTH * HEIGHT) as usize;
-    let publisher = Publisher::create(settings, "left", frame_bytes, SLOTS).unwrap();
+    let mut publisher = Publisher::create(settings, "left", frame_bytes, SLOTS).unwrap();
     // One consumer reads, one listens to the event and never reads: its oldest frames give way.
     let mut reader = Subscriber::open(settings, "left").unwrap();
     let mut listener = Subscriber::open(settings, "left").unwrap();
@@ -126,7 +126,7 @@ fn from_complete_to_sent_nothing_is_allocated() {
     let mut path = FramePath {
         camera: &mut camera,
         applied: &applied,
-        publisher: &publisher,
+        publisher: &mut publisher,
         mask: &mut Some(Arc::new(mask)),
         commands: &commands,
         counters: &counters,
