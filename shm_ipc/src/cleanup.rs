@@ -52,7 +52,8 @@ pub(crate) fn cleanup(config: &Config) -> usize {
 /// Nothing is to be opened while there is one.
 pub(crate) fn half_made(config: &Config) -> Option<PathBuf> {
     let global = &config.global;
-    let folders: [(String, fn(&Metadata) -> bool); 3] = [
+    type IsHalfMade = fn(&Metadata) -> bool;
+    let folders: [(String, IsHalfMade); 3] = [
         (global.service_dir().to_string(), quirks::is_half_made_description),
         (global.node_dir().to_string(), quirks::is_half_made),
         (SHARED_MEMORY.to_owned(), quirks::is_half_made),

@@ -8,8 +8,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::node::Node;
 use iceoryx2::pending_response::PendingResponse;
-use iceoryx2::port::client::Client;
-use iceoryx2::port::server::Server;
+use iceoryx2::port::{client, server};
 use iceoryx2::prelude::*;
 use iceoryx2::service::builder::request_response::Builder;
 use iceoryx2::service::port_factory::client::ClientCreateError;
@@ -25,6 +24,8 @@ use crate::service::{Plan, Served, Visited, patiently};
 use crate::settings::Settings;
 
 type Service = request_response::PortFactory<Ipc, [u8], (), [u8], ()>;
+type Server = server::Server<Ipc, [u8], (), [u8], ()>;
+type Client = client::Client<Ipc, [u8], (), [u8], ()>;
 
 /// Longest request and longest reply, bytes.
 pub const LONGEST_TEXT: usize = 256 * 1024;
@@ -44,7 +45,7 @@ pub fn control_service_name(camera: &str) -> String {
 
 /// The driver's end.
 #[derive(Debug)]
-pub struct ControlServer(Served<Server<Ipc, [u8], (), [u8], ()>, Service>);
+pub struct ControlServer(Served<Server, Service>);
 
 /// A request that has arrived, to be replied to any number of times. Dropped, it is over.
 pub struct ActiveRequest {
@@ -54,7 +55,7 @@ pub struct ActiveRequest {
 
 /// The end of whoever has a request.
 #[derive(Debug)]
-pub struct ControlClient(Visited<Client<Ipc, [u8], (), [u8], ()>, Service>);
+pub struct ControlClient(Visited<Client, Service>);
 
 /// The replies to a request.
 pub struct Replies {
