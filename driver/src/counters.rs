@@ -53,9 +53,9 @@ pub fn add(counter: &AtomicU64, count: u64) {
 }
 
 impl Counters {
-    /// Keeps the files that consumers find the publisher by.
-    pub fn set_footing(&self, footing: Footing) {
-        *self.footing.lock().unwrap_or_else(PoisonError::into_inner) = Some(footing);
+    /// Keeps the files that consumers find the publisher by; `None` while there is no publisher.
+    pub fn set_footing(&self, footing: Option<Footing>) {
+        *self.footing.lock().unwrap_or_else(PoisonError::into_inner) = footing;
     }
 
     /// Whether consumers no longer find the publisher. True once for each publisher.

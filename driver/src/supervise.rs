@@ -161,6 +161,8 @@ impl Supervisor {
             // What an attempt leaves is valid at every point: the mask is set as a whole, counters are plain numbers.
             let attempt = catch_unwind(AssertUnwindSafe(|| self.work(&mut mask)));
             let Err(payload) = attempt else { break };
+            // Gone with the attempt, where it held it.
+            self.counters.set_footing(self.publisher.as_ref().map(|publisher| publisher.footing().clone()));
             add(&self.counters.failures, 1);
             if self.published() > published_before {
                 back_off.forget();
@@ -311,9 +313,10 @@ impl Supervisor {
         if let Some(publisher) = self.publisher.take().filter(fits) {
             return Ok(publisher);
         }
+        self.counters.set_footing(None);
         let Ipc { settings, .. } = &self.ipc;
         let publisher = Publisher::create(settings, &self.camera.name, payload_bytes, self.ipc.loans())?;
-        self.counters.set_footing(publisher.footing().clone());
+        self.counters.set_footing(Some(publisher.footing().clone()));
         Ok(publisher)
     }
 

@@ -17,6 +17,7 @@ use uvcam_shm_ipc::control::{ControlClient, ControlServer};
 use uvcam_shm_ipc::health::{HealthPublisher, HealthReader};
 use uvcam_shm_ipc::{
     FrameHeader, IpcError, LoanError, PixelFormat, Publisher, Settings, Subscriber, cleanup_dead_nodes,
+    frame_service_name,
 };
 
 /// A user that the tests do not run as.
@@ -123,7 +124,7 @@ fn services_and_frames_that_somebody_holds() {
     let _second = place.subscriber();
     let error = place.subscriber_of(CAMERA).unwrap_err();
     assert!(matches!(error, IpcError::TooManyConsumers(_)), "{error:?}");
-    says(&error, &["uvcam/v1/left/frames", "stop one", "max_subscribers"]);
+    says(&error, &[&frame_service_name(CAMERA), "stop one", "max_subscribers"]);
 
     let held: Vec<_> = (0..place.settings.borrowed as u64)
         .map(|sequence| {
@@ -149,7 +150,7 @@ fn services_and_frames_that_somebody_holds() {
     let larger = Settings { buffer: 8, ..place.settings.clone() };
     let error = Publisher::create(&larger, CAMERA, FRAME_BYTES, LOANS).unwrap_err();
     assert!(matches!(error, IpcError::Incompatible { .. }), "{error:?}");
-    says(&error, &["uvcam/v1/left/frames", "stop its consumers", "same settings and version"]);
+    says(&error, &[&frame_service_name(CAMERA), "stop its consumers", "same settings and version"]);
     drop(held);
 }
 
@@ -169,6 +170,7 @@ fn what_the_system_refuses_is_told_with_its_place() {
     let publisher = place.publisher();
     let wake = wake_words(&place).remove(0);
     drop(publisher);
+    fs::remove_file(&wake).unwrap();
     fs::create_dir(&wake).unwrap();
     let error = Publisher::create(&place.settings, CAMERA, FRAME_BYTES, LOANS).unwrap_err();
     fs::remove_dir(&wake).unwrap();

@@ -2,7 +2,6 @@
 #![allow(clippy::unwrap_used)]
 
 use std::io::{BufRead, BufReader};
-use std::os::unix::fs::PermissionsExt;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
@@ -10,7 +9,7 @@ use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
 use rustix::process::Signal;
 use serde_json::Value;
-use uvcam_shm_ipc::{FrameHeader, Settings, cleanup_dead_nodes, frame_service_name};
+use uvcam_shm_ipc::{FrameHeader, Settings, frame_service_name};
 use uvcam_tests::{Process, Stage, simulated, stderr, users};
 
 /// How often somebody comes.
@@ -31,6 +30,8 @@ fn intruder() {
     config.global.service.cleanup_dead_nodes_on_open = false;
     set_log_level(LogLevel::Fatal);
     let node = NodeBuilder::new().config(&config).create::<ipc_threadsafe::Service>().unwrap();
+    // Nobody but its own user can clean up after an intruder that was killed.
+    node.try_cleanup_dead_nodes();
     let frames = node
         .service_builder(&ServiceName::new(&frame_service_name("left")).unwrap())
         .publish_subscribe::<[u8]>()
@@ -65,8 +66,6 @@ fn intrude(settings: &Settings, is_killed: bool) {
     if is_killed {
         child.kill().unwrap();
         child.wait().unwrap();
-        // Nobody but its own user can clean up after it.
-        cleanup_dead_nodes(settings);
     } else {
         drop(child.stdin.take());
         assert!(child.wait().unwrap().success());
@@ -76,7 +75,7 @@ fn intrude(settings: &Settings, is_killed: bool) {
 #[test]
 fn a_hundred_consumers_of_every_kind_cost_nobody_a_frame() {
     let stage = Stage::new(&simulated("left", "none", ""));
-    std::fs::set_permissions(stage.folder(), std::fs::Permissions::from_mode(0o777)).unwrap();
+    users::give_to_other(stage.folder());
     let start = |words: &[&str]| Process::start(&mut users::other(&stage.uvcam(words)));
     let driver = start(&["run"]);
     let witness = start(&["watch", "left", "--json", "--timeout", "20"]);

@@ -142,7 +142,10 @@ fn a_panic_stays_in_the_health_record_and_takes_the_mask_of_the_moment_no_frame(
     let new = stage.write_mask("left.png", (752, 480), 200);
     driver.signal(Signal::HUP);
     wait_until("the new mask flies", || next_frame(&mut left).header().mask_id == new.id().0);
-    assert!(driver.stop().status.success());
+    let output = driver.stop();
+    assert!(output.status.success());
+    let said = stderr(&output);
+    assert!(said.contains(" 2 epochs") && !said.contains("files of its shared memory"), "{said}");
 }
 
 #[test]
