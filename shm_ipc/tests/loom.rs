@@ -3,6 +3,8 @@
 //! The page and the numbers that it keeps are the library's own files, built over a model of atomics and of the futex. A sleep has no end
 //! here but a wake-up, so that a missed one is a deadlock, which the model reports.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::time::Duration;
 
 use loom::sync::Arc;
