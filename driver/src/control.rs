@@ -1,17 +1,18 @@
 //! What the commands and a running driver say to each other: JSON over the control service of a camera.
 
 use serde::{Deserialize, Serialize};
-use uvcam_shm_ipc::control::{ControlServer, Question};
+use uvcam_shm_ipc::Footing;
+use uvcam_shm_ipc::control::{ActiveRequest, ControlServer};
 
 use crate::config::Config;
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
 use crate::generator::{Progress, Report, Wish};
 
-/// What a driver can be asked.
+/// What can be requested of a driver.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(tag = "ask", rename_all = "snake_case")]
-pub enum Ask {
+pub enum Request {
     /// Generate this camera's mask.
     Generate {
         /// How.
@@ -23,7 +24,7 @@ pub enum Ask {
     ReloadMask,
 }
 
-/// What it answers.
+/// What it replies.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(tag = "answer", rename_all = "snake_case")]
 pub enum Reply {
@@ -54,64 +55,62 @@ impl Reply {
         Reply::Failed { exit: error.exit() as u8, cause: with_causes(error) }
     }
 
-    /// Sends it to whoever asked, where somebody still waits.
-    pub fn send(&self, question: &Question) {
+    /// Sends it to whoever made the request, where somebody still waits.
+    pub fn send(&self, request: &ActiveRequest) {
         // A value of plain numbers and texts always has a JSON form.
-        question.answer(&serde_json::to_string(self).unwrap_or_default());
+        request.reply(&serde_json::to_string(self).unwrap_or_default());
     }
 }
 
-/// Where questions arrive, a place for each camera.
-pub struct Desk {
+/// Where requests arrive, a place for each camera.
+pub struct ControlServers {
     /// One a camera; none where its files were removed and could not be made anew yet.
     servers: Vec<Option<ControlServer>>,
 }
 
-impl Desk {
-    /// Opens the desk for every configured camera.
+impl ControlServers {
+    /// Makes one for every configured camera.
     ///
     /// # Errors
-    /// [`Error::Ipc`] where another driver answers for one of them.
+    /// [`Error::Ipc`] where another driver replies for one of them.
     pub fn open(config: &Config) -> Result<Self, Error> {
         let servers = config
             .cameras
             .iter()
             .map(|camera| ControlServer::create(&config.ipc.settings, &camera.name).map(Some));
-        Ok(Desk { servers: servers.collect::<Result<_, _>>()? })
+        Ok(ControlServers { servers: servers.collect::<Result<_, _>>()? })
     }
 
-    /// Makes the server of the camera at `place` anew where its files were removed, so that clients find it. No question may be open.
+    /// Makes the server of the camera at `place` anew where its files were removed, so that clients find it. No request may be open.
     pub fn keep_open(&mut self, config: &Config, place: usize) {
         let (Some(server), Some(camera)) = (self.servers.get_mut(place), config.cameras.get(place)) else {
             return;
         };
-        // One must be gone before its successor comes: their files have the same names.
-        *server = server.take().filter(|server| server.footing().is_in_place());
-        if server.is_none() {
-            let created = ControlServer::create_at_once(&config.ipc.settings, &camera.name);
-            *server = created.inspect_err(|error| tracing::debug!("control: {error}")).ok();
+        let create = || ControlServer::create_at_once(&config.ipc.settings, &camera.name);
+        if let Err(error) = Footing::keep(server, ControlServer::footing, create) {
+            tracing::debug!("control: {error}");
         }
     }
 
-    /// The questions that have arrived, with the place of their camera in the configuration.
-    pub fn questions(&self) -> Vec<(usize, Question, Ask)> {
-        let mut questions = Vec::new();
+    /// The requests that have arrived, with the place of their camera in the configuration.
+    pub fn requests(&self) -> Vec<(usize, ActiveRequest, Request)> {
+        let mut requests = Vec::new();
         let servers = self.servers.iter().enumerate();
         for (place, server) in servers.filter_map(|(place, server)| Some((place, server.as_ref()?))) {
             match server.next() {
-                Ok(Some(question)) => match serde_json::from_str(question.text()) {
-                    Ok(ask) => questions.push((place, question, ask)),
+                Ok(Some(request)) => match serde_json::from_str(request.text()) {
+                    Ok(wanted) => requests.push((place, request, wanted)),
                     Err(error) => {
                         let cause = format!(
-                            "the driver does not know the question: {error}; use the same version of uvcam"
+                            "the driver does not know the request: {error}; use the same version of uvcam"
                         );
-                        Reply::Failed { exit: Exit::Usage as u8, cause }.send(&question);
+                        Reply::Failed { exit: Exit::Usage as u8, cause }.send(&request);
                     }
                 },
                 Ok(None) => {}
                 Err(error) => tracing::debug!("control: {error}"),
             }
         }
-        questions
+        requests
     }
 }

@@ -58,7 +58,7 @@ pub struct FramePath<'a> {
     /// What it reads back.
     pub applied: &'a Applied,
     /// Where frames go.
-    pub publisher: &'a Publisher,
+    pub publisher: &'a mut Publisher,
     /// What is blanked; a command may change it.
     pub mask: &'a mut MaskInForce,
     /// What other threads ask for.
@@ -180,7 +180,7 @@ impl FramePath<'_> {
     }
 
     /// Counts frames that the device produced and that will not be published.
-    fn lose(&self, frames: u64) {
+    fn lose(&mut self, frames: u64) {
         self.publisher.count_lost(frames);
         add(&self.counters.lost, frames);
     }

@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use rustix::time::{ClockId, clock_gettime};
+use uvcam_shm_ipc::Footing;
 use uvcam_shm_ipc::health::{Cause, Health, HealthPublisher};
 use uvcam_shm_ipc::{IpcError, monotonic_ns};
 
@@ -103,11 +104,9 @@ impl Reporter {
 
     /// Makes the publisher anew where its files were removed, so that readers find it. To be called about once a second.
     pub fn keep_open(&mut self, config: &Config, camera: &CameraConfig) {
-        // One must be gone before its successor comes: their files have the same names.
-        self.publisher = self.publisher.take().filter(|publisher| publisher.footing().is_in_place());
-        if self.publisher.is_none() {
-            let created = HealthPublisher::create_at_once(&config.ipc.settings, &camera.name);
-            self.publisher = created.inspect_err(|error| tracing::debug!("health: {error}")).ok();
+        let create = || HealthPublisher::create_at_once(&config.ipc.settings, &camera.name);
+        if let Err(error) = Footing::keep(&mut self.publisher, HealthPublisher::footing, create) {
+            tracing::debug!("health: {error}");
         }
     }
 

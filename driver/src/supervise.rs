@@ -240,13 +240,13 @@ impl Supervisor {
         loop {
             self.counters.live();
             let applied = camera.configure(&self.camera.settings)?;
-            let publisher = self.publisher_for(applied.payload_bytes)?;
+            let mut publisher = self.publisher_for(applied.payload_bytes)?;
             let header = self.header(&applied, mask, publisher.begin_epoch());
             let identity = camera.identity().clone();
             let mut path = FramePath {
                 camera,
                 applied: &applied,
-                publisher: &publisher,
+                publisher: &mut publisher,
                 mask,
                 commands: &self.commands,
                 counters: &self.counters,

@@ -19,19 +19,19 @@ fn header() -> FrameHeader {
 }
 
 /// Runs `body` with a publisher in shared memory that nothing else uses, and as many consumers.
-fn with_publisher(consumers: usize, body: impl FnOnce(&Publisher, &mut [Subscriber])) {
+fn with_publisher(consumers: usize, body: impl FnOnce(&mut Publisher, &mut [Subscriber])) {
     let folder = tempfile::tempdir().unwrap();
     let unique: String =
         folder.path().to_string_lossy().chars().filter(char::is_ascii_alphanumeric).collect();
     let settings =
         Settings { prefix: format!("{unique}_"), root_path: folder.path().into(), ..Settings::default() };
-    let publisher = Publisher::create(&settings, CAMERA, (WIDTH * HEIGHT) as usize, LOANS).unwrap();
+    let mut publisher = Publisher::create(&settings, CAMERA, (WIDTH * HEIGHT) as usize, LOANS).unwrap();
     let mut subscribers: Vec<_> =
         (0..consumers).map(|_| Subscriber::open(&settings, CAMERA).unwrap()).collect();
     // The first frame connects them.
     publisher.publish(publisher.loan().unwrap(), &header()).unwrap();
     subscribers.iter_mut().for_each(|subscriber| assert!(subscriber.next().unwrap().is_some()));
-    body(&publisher, &mut subscribers);
+    body(&mut publisher, &mut subscribers);
 }
 
 /// Checks a header and copies it into shared memory.

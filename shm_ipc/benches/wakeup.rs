@@ -41,7 +41,7 @@ fn main() {
 
 /// Sends frames until its input ends.
 fn drive(settings: &Settings) {
-    let publisher = Publisher::create(settings, CAMERA, 752 * 480, 6).unwrap();
+    let mut publisher = Publisher::create(settings, CAMERA, 752 * 480, 6).unwrap();
     println!("ready");
     let stop = Arc::new(AtomicBool::new(false));
     let told = Arc::clone(&stop);

@@ -4,27 +4,20 @@
 
 use std::collections::HashSet;
 use std::fs::{self, DirEntry, Metadata};
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use iceoryx2::config::Config;
-use iceoryx2::node::{DeadNodeView, Node, NodeDetails, NodeState, NodeView};
+use iceoryx2::node::{Node, NodeState};
 use iceoryx2::prelude::CallbackProgression;
 
 use crate::log::quieten;
 use crate::premises::{check_owner, is_foreign};
-use crate::service::Ipc;
-use crate::settings::{SHARED_MEMORY, Settings};
+use crate::quirks::{self, CONTEXT, Ipc, SHARED_MEMORY};
+use crate::settings::Settings;
 
 /// Age at which a file that is not finished will never be: to finish it takes microseconds.
 const HALF_MADE: Duration = Duration::from_secs(1);
-/// Mode of a description that is being written: iceoryx2 takes its own right to write away when it has finished.
-const UNFINISHED_DESCRIPTION: u32 = 0o600;
-/// Mode of every other file that is being written: iceoryx2 gives itself the right to read when it has finished.
-const UNFINISHED: u32 = 0o200;
-/// End of the name of what a node makes first and removes last. In between there is the file that tells whether it is alive.
-const CONTEXT: &str = "_context";
 
 /// Releases what killed programs left behind: their places among the consumers, the slots they held, their files. Returns how
 /// many programs there were.
@@ -43,10 +36,8 @@ pub(crate) fn cleanup(config: &Config) -> usize {
     let mut cleaned = 0;
     // An error leaves nodes for the next call, like a node that another process is just cleaning.
     let _ = Node::<Ipc>::list(config, |state| {
-        // The configuration is given explicitly: of a node that lost its own, iceoryx2 would take a file of the working directory.
         if let NodeState::Dead(node) = state
-            && let details = NodeDetails::__internal_new(&None, config)
-            && DeadNodeView::<Ipc>::__internal_try_remove_stale_resources(*node.id(), details).is_ok()
+            && quirks::remove_dead(&node, config)
         {
             cleaned += 1;
         }
@@ -61,15 +52,17 @@ pub(crate) fn cleanup(config: &Config) -> usize {
 /// Nothing is to be opened while there is one.
 pub(crate) fn half_made(config: &Config) -> Option<PathBuf> {
     let global = &config.global;
-    let services = (global.service_dir().to_string(), UNFINISHED_DESCRIPTION);
-    let nodes = (global.node_dir().to_string(), UNFINISHED);
-    let shared_memory = (SHARED_MEMORY.to_owned(), UNFINISHED);
+    type IsHalfMade = fn(&Metadata) -> bool;
+    let folders: [(String, IsHalfMade); 3] = [
+        (global.service_dir().to_string(), quirks::is_half_made_description),
+        (global.node_dir().to_string(), quirks::is_half_made),
+        (SHARED_MEMORY.to_owned(), quirks::is_half_made),
+    ];
     let mut young = None;
-    for (folder, unfinished) in [services, nodes, shared_memory] {
+    for (folder, is_half_made) in folders {
         for (file, found) in ours(config, folder.as_ref()) {
-            // A slot segment takes its time, and is found through its owner alone.
-            let is_segment = name(&file).ends_with(global.service.data_segment_suffix.as_str());
-            if is_segment || !is_unfinished(&found, unfinished) {
+            // A segment takes its time.
+            if quirks::is_segment(&name(&file), config) || !is_half_made(&found) {
                 continue;
             }
             if is_old(&found) {
@@ -84,15 +77,10 @@ pub(crate) fn half_made(config: &Config) -> Option<PathBuf> {
 
 /// Removes slot segments that this program, which signed in as `node`, made and could not map: iceoryx2 leaves their files.
 pub(crate) fn forget_segments(config: &Config, node: u128) {
-    let suffix = config.global.service.data_segment_suffix;
     let Ok(maps) = fs::read_to_string("/proc/self/maps") else { return };
     for (file, _) in ours(config, SHARED_MEMORY.as_ref()) {
         let name = name(&file);
-        let number =
-            name.strip_suffix(suffix.as_str()).and_then(|stem| stem.rsplit('_').next()?.parse().ok());
-        // Numbers of iceoryx2 hold the program's own in these bits.
-        let is_mine = number.is_some_and(|number: u128| (number >> 64) as u32 == (node >> 64) as u32);
-        if is_mine && !maps.contains(&name) {
+        if quirks::is_segment_of(&name, config, node) && !maps.contains(&name) {
             let _ = fs::remove_file(file.path());
         }
     }
@@ -126,7 +114,7 @@ fn sweep_folder(config: &Config, folder: &DirEntry, is_orphan: bool) {
     // Before it changes by what is removed from it.
     let is_gone = is_orphan && folder.metadata().is_ok_and(|found| is_old(&found));
     for (file, found) in ours(config, &folder.path()) {
-        if is_old(&found) && (is_orphan || is_unfinished(&found, UNFINISHED_DESCRIPTION)) {
+        if is_old(&found) && (is_orphan || quirks::is_half_made_description(&found)) {
             let _ = fs::remove_file(file.path());
         }
     }
@@ -148,10 +136,6 @@ fn ours(config: &Config, folder: &Path) -> impl Iterator<Item = (DirEntry, Metad
 
 fn name(file: &DirEntry) -> String {
     file.file_name().to_string_lossy().into_owned()
-}
-
-fn is_unfinished(found: &Metadata, mode: u32) -> bool {
-    found.permissions().mode() & 0o777 == mode
 }
 
 /// Whether a file will not change any more. One of the future was made before the clock was set back.

@@ -1,104 +1,86 @@
-//! Questions to the driver of a camera, and its answers, as text.
+//! Requests to the driver of a camera, and its replies, as text.
 //!
-//! The service `uvcam/v2/<camera>/control` is request-response: one question has any number of answers. What the texts mean is between
+//! The service `uvcam/v2/<camera>/control` is request-response: one request has any number of replies. What the texts mean is between
 //! the driver and its commands; this file carries them. Nothing here is near the path of a frame.
 
 use std::fmt;
 use std::time::{Duration, Instant};
 
-use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::node::Node;
 use iceoryx2::pending_response::PendingResponse;
-use iceoryx2::port::client::Client;
-use iceoryx2::port::server::Server;
+use iceoryx2::port::{client, server};
 use iceoryx2::prelude::*;
-use iceoryx2::service::builder::request_response::RequestResponseOpenError;
+use iceoryx2::service::builder::request_response::Builder;
+use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::request_response;
 
-use crate::cleanup::{cleanup, forget_segments};
+use crate::cleanup::forget_segments;
 use crate::error::IpcError;
-use crate::footing::{Footing, Held};
+use crate::footing::Footing;
 use crate::header::CONTRACT_VERSION;
 use crate::premises;
-use crate::service::{Address, Ipc};
+use crate::quirks::Ipc;
+use crate::service::{Plan, Served, Visited, patiently};
 use crate::settings::Settings;
 
 type Service = request_response::PortFactory<Ipc, [u8], (), [u8], ()>;
+type Server = server::Server<Ipc, [u8], (), [u8], ()>;
+type Client = client::Client<Ipc, [u8], (), [u8], ()>;
 
-/// Longest question and longest answer, bytes.
+/// Longest request and longest reply, bytes.
 pub const LONGEST_TEXT: usize = 256 * 1024;
-/// Answers that wait for a client that does not look.
+/// Replies that wait for a client that does not look.
 const BUFFER: usize = 16;
 /// Clients at the same time.
 const CLIENTS: usize = 4;
-/// Address space of the answers: of each client's question, twice as many as wait for it, and some that are being written.
+/// Address space of the replies: for each client's request, twice as many as wait for it, and some that are being written.
 const MAPPED_BYTES: u64 = (4 * CLIENTS * (BUFFER + 2) * LONGEST_TEXT) as u64;
-/// How long [`ControlServer::create`] waits for a predecessor to go.
-const PATIENCE: Duration = Duration::from_secs(3);
-/// Time between a client's looks for an answer.
+/// Time between a client's looks for a reply.
 const NAP: Duration = Duration::from_millis(10);
 
-/// Name of the service that carries questions to the driver of `camera`.
+/// Name of the service that carries requests to the driver of `camera`.
 pub fn control_service_name(camera: &str) -> String {
     format!("uvcam/v{CONTRACT_VERSION}/{camera}/control")
 }
 
 /// The driver's end.
-pub struct ControlServer {
-    server: Server<Ipc, [u8], (), [u8], ()>,
-    // A service and its node live as long as their ports.
-    _service: Service,
-    _node: Node<Ipc>,
-    address: Address,
-    footing: Footing,
-}
+#[derive(Debug)]
+pub struct ControlServer(Served<Server, Service>);
 
-/// A question, to be answered any number of times. Dropped, it is over.
-pub struct Question {
+/// A request that has arrived, to be replied to any number of times. Dropped, it is over.
+pub struct ActiveRequest {
     text: String,
-    request: ActiveRequest<Ipc, [u8], (), [u8], ()>,
+    request: iceoryx2::active_request::ActiveRequest<Ipc, [u8], (), [u8], ()>,
 }
 
-/// The end of whoever asks.
-pub struct ControlClient {
-    client: Client<Ipc, [u8], (), [u8], ()>,
-    _service: Held<Service>,
-    _node: Node<Ipc>,
-    address: Address,
-}
+/// The end of whoever has a request.
+#[derive(Debug)]
+pub struct ControlClient(Visited<Client, Service>);
 
-/// The answers to a question.
-pub struct Answers {
+/// The replies to a request.
+pub struct Replies {
     pending: PendingResponse<Ipc, [u8], (), [u8], ()>,
 }
 
-/// What came of waiting for an answer.
+/// What came of waiting for a reply.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Answer {
-    /// An answer.
+pub enum NextReply {
+    /// A reply.
     Text(String),
     /// None within the time.
     Timeout,
-    /// The driver has given its last answer, or is gone.
+    /// The driver has given its last reply, or is gone.
     Over,
 }
 
 impl ControlServer {
-    /// Makes the service of `camera`. To be called by the process that publishes it.
+    /// Makes the service of `camera`. To be called by the process that publishes it. A predecessor that is just stopping gets 3 s to go.
     ///
     /// # Errors
-    /// [`IpcError::AlreadyPublishing`] where another driver answers for this camera, and those of
+    /// [`IpcError::AlreadyPublishing`] where another driver replies for this camera, and those of
     /// [`Publisher::create`](crate::Publisher::create).
     pub fn create(settings: &Settings, camera: &str) -> Result<ControlServer, IpcError> {
-        let give_up = Instant::now() + PATIENCE;
-        loop {
-            match ControlServer::create_at_once(settings, camera) {
-                Err(IpcError::AlreadyPublishing(_) | IpcError::System { .. }) if Instant::now() < give_up => {
-                    std::thread::sleep(NAP);
-                }
-                outcome => return outcome,
-            }
-        }
+        patiently(|| ControlServer::create_at_once(settings, camera))
     }
 
     /// The same, without waiting for a predecessor.
@@ -106,83 +88,81 @@ impl ControlServer {
     /// # Errors
     /// As [`ControlServer::create`].
     pub fn create_at_once(settings: &Settings, camera: &str) -> Result<ControlServer, IpcError> {
-        let (address, name) = address(settings, camera)?;
-        // A predecessor that was killed gives its place to this one.
-        cleanup(&address.config);
-        let node = address.node_with_room_for(premises::FILES + CLIENTS as u64, MAPPED_BYTES)?;
-        address.clear_description(&name, MessagingPattern::RequestResponse);
-        let service = builder(&node, &name)
-            .max_servers(1)
-            .max_clients(CLIENTS)
-            .max_active_requests_per_client(1)
-            .max_response_buffer_size(BUFFER)
-            .enable_safe_overflow_for_responses(true)
-            .open_or_create()
-            .map_err(|source| address.failed("creating service", name.as_str(), source))?;
-        if service.dynamic_config().number_of_servers() > 0 {
-            return Err(IpcError::AlreadyPublishing(camera.to_owned()));
-        }
-        let server = service
-            .server_builder()
-            .initial_max_slice_len(LONGEST_TEXT)
-            .allocation_strategy(AllocationStrategy::Static)
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(|source| {
-                forget_segments(&address.config, node.id().value());
-                address.failed("creating the server of", name.as_str(), source)
-            })?;
-        let marks = [
-            service.unique_service_id().value().to_string(),
-            service.service_hash().to_string(),
-            server.id().value().to_string(),
-            node.id().value().to_string(),
-        ];
-        let footing = address.footing(&marks);
-        address.take_small_files()?;
-        Ok(ControlServer { server, _service: service, _node: node, address, footing })
+        let plan = Plan {
+            name: control_service_name(camera),
+            pattern: MessagingPattern::RequestResponse,
+            files: premises::FILES + CLIENTS as u64,
+            mapped_bytes: MAPPED_BYTES,
+        };
+        let served = Served::create(settings, camera, plan, |address, node, name| {
+            let created = builder(node, name)
+                .max_servers(1)
+                .max_clients(CLIENTS)
+                .max_active_requests_per_client(1)
+                .max_response_buffer_size(BUFFER)
+                .enable_safe_overflow_for_responses(true)
+                .open_or_create();
+            let service = address.created(name, created)?;
+            if service.dynamic_config().number_of_servers() > 0 {
+                return Err(IpcError::AlreadyPublishing(camera.to_owned()));
+            }
+            let server = service
+                .server_builder()
+                .initial_max_slice_len(LONGEST_TEXT)
+                .allocation_strategy(AllocationStrategy::Static)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+                .map_err(|source| {
+                    forget_segments(&address.config, node.id().value());
+                    address.failed("creating the server of", name.as_str(), source)
+                })?;
+            let number = server.id().value();
+            Ok((service, server, number))
+        })?;
+        Ok(ControlServer(served))
     }
 
     /// The files that clients find this server by. Where one is no longer in place, this server is to be dropped, and another one made.
     pub fn footing(&self) -> &Footing {
-        &self.footing
+        &self.0.footing
     }
 
-    /// The next question, or `None` where there is none; one beyond [`LONGEST_TEXT`] is cut. Never waits.
+    /// The next request, or `None` where there is none; one beyond [`LONGEST_TEXT`] is cut. Never waits.
     ///
     /// # Errors
     /// [`IpcError::System`] where iceoryx2 fails.
-    pub fn next(&self) -> Result<Option<Question>, IpcError> {
-        let received = self.server.receive();
-        let request = received
-            .map_err(|source| self.address.failed("receiving from", "the control service", source))?;
+    pub fn next(&self) -> Result<Option<ActiveRequest>, IpcError> {
+        let Served { port, address, .. } = &self.0;
+        let request = port
+            .receive()
+            .map_err(|source| address.failed("receiving from", "the control service", source))?;
         Ok(request.map(|request| {
             let payload = request.payload();
             let text = String::from_utf8_lossy(payload.get(..LONGEST_TEXT).unwrap_or(payload)).into_owned();
-            Question { text, request }
+            ActiveRequest { text, request }
         }))
     }
 }
 
-impl Question {
-    /// What was asked.
+impl ActiveRequest {
+    /// The request.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Gives an answer; more may follow. Returns whether somebody still waits for it. An answer beyond [`LONGEST_TEXT`] is cut.
-    pub fn answer(&self, text: &str) -> bool {
+    /// Gives a reply; more may follow. Returns whether somebody still waits for it. A reply beyond [`LONGEST_TEXT`] is cut.
+    pub fn reply(&self, text: &str) -> bool {
         let bytes = text.as_bytes().get(..text.len().min(LONGEST_TEXT)).unwrap_or_default();
-        // Memory of answers is taken when it is first written.
+        // Memory of replies is taken when it is first written.
         if premises::check_room(bytes.len() as u64).is_err() {
             return false;
         }
         let sent =
-            self.request.loan_slice_uninit(bytes.len()).map(|answer| answer.write_from_slice(bytes).send());
+            self.request.loan_slice_uninit(bytes.len()).map(|reply| reply.write_from_slice(bytes).send());
         matches!(sent, Ok(Ok(()))) && self.request.is_connected()
     }
 
-    /// Whether somebody waits for an answer.
+    /// Whether somebody waits for a reply.
     pub fn is_awaited(&self) -> bool {
         self.request.is_connected()
     }
@@ -192,112 +172,83 @@ impl ControlClient {
     /// Finds the driver of `camera`; `None` where none runs.
     ///
     /// # Errors
-    /// [`IpcError`]: a setting or camera name that cannot be, files of another user, a driver of another version.
+    /// [`IpcError`]: a setting or camera name that cannot be, files of another user, a driver of another version, or as many clients as
+    /// there can be.
     pub fn open(settings: &Settings, camera: &str) -> Result<Option<ControlClient>, IpcError> {
-        let (address, name) = address(settings, camera)?;
-        // A driver that was killed must not be taken for one that runs.
-        cleanup(&address.config);
-        let Some(node) = address.visiting_node()? else { return Ok(None) };
-        let service = match builder(&node, &name).open() {
-            Ok(service) => service,
-            Err(
-                RequestResponseOpenError::DoesNotExist
-                | RequestResponseOpenError::ServiceInCorruptedState
-                | RequestResponseOpenError::IsMarkedForDestruction
-                | RequestResponseOpenError::HangsInCreation,
-            ) => return Ok(None),
-            Err(source) => return Err(address.failed("opening service", name.as_str(), source)),
-        };
-        if service.dynamic_config().number_of_servers() == 0 {
-            return Ok(None);
-        }
-        let client = service
-            .client_builder()
-            .initial_max_slice_len(LONGEST_TEXT)
-            .allocation_strategy(AllocationStrategy::Static)
-            .create()
-            .map_err(|source| address.failed("creating the client of", name.as_str(), source))?;
-        address.take_small_files()?;
-        Ok(Some(ControlClient {
-            client,
-            _service: Held::new(service, &address.config),
-            _node: node,
-            address,
-        }))
+        let name = control_service_name(camera);
+        let end = Visited::open(settings, camera, &name, |address, node, name| {
+            let Some(service) = address.opened(name, builder(node, name).open())? else { return Ok(None) };
+            if service.dynamic_config().number_of_servers() == 0 {
+                return Ok(None);
+            }
+            let client = service
+                .client_builder()
+                .initial_max_slice_len(LONGEST_TEXT)
+                .allocation_strategy(AllocationStrategy::Static)
+                .create()
+                .map_err(|source| match source {
+                    ClientCreateError::ExceedsMaxSupportedClients => {
+                        IpcError::TooManyConsumers(name.as_str().to_owned())
+                    }
+                    _ => address.failed("creating the client of", name.as_str(), source),
+                })?;
+            Ok(Some((service, client)))
+        })?;
+        Ok(end.map(ControlClient))
     }
 
-    /// Asks. One question at a time.
+    /// Sends a request. One at a time.
     ///
     /// # Errors
     /// [`IpcError::System`] where the text is longer than [`LONGEST_TEXT`] or iceoryx2 fails, [`IpcError::NoRoom`] where `/dev/shm` is
     /// full.
-    pub fn ask(&self, text: &str) -> Result<Answers, IpcError> {
+    pub fn request(&self, text: &str) -> Result<Replies, IpcError> {
+        let Visited { port, address, .. } = &self.0;
         let failed = |source: Box<dyn std::error::Error + Send + Sync>| IpcError::System {
             doing: "asking",
-            on: format!("the driver of camera \"{}\"", self.address.camera),
+            on: format!("the driver of camera \"{}\"", address.camera),
             source,
         };
         premises::check_room(text.len() as u64)?;
-        let request = self.client.loan_slice_uninit(text.len()).map_err(|source| failed(Box::new(source)))?;
+        let request = port.loan_slice_uninit(text.len()).map_err(|source| failed(Box::new(source)))?;
         let pending =
             request.write_from_slice(text.as_bytes()).send().map_err(|source| failed(Box::new(source)))?;
-        Ok(Answers { pending })
+        Ok(Replies { pending })
     }
 }
 
-impl Answers {
-    /// Waits at most `timeout` for the next answer.
-    pub fn next(&self, timeout: Duration) -> Answer {
+impl Replies {
+    /// Waits at most `timeout` for the next reply.
+    pub fn next(&self, timeout: Duration) -> NextReply {
         let begin = Instant::now();
         loop {
-            // Asked before the look for an answer: what was sent before the end is still found.
+            // Looked at before the look for a reply: what was sent before the end is still found.
             let over = !self.pending.is_connected();
             match self.pending.receive() {
-                Ok(Some(answer)) => {
-                    return Answer::Text(String::from_utf8_lossy(answer.payload()).into_owned());
+                Ok(Some(reply)) => {
+                    return NextReply::Text(String::from_utf8_lossy(reply.payload()).into_owned());
                 }
-                Ok(None) if over => return Answer::Over,
-                Err(_) => return Answer::Over,
-                Ok(None) if begin.elapsed() >= timeout => return Answer::Timeout,
+                Ok(None) if over => return NextReply::Over,
+                Err(_) => return NextReply::Over,
+                Ok(None) if begin.elapsed() >= timeout => return NextReply::Timeout,
                 Ok(None) => std::thread::sleep(NAP.min(timeout)),
             }
         }
     }
 }
 
-fn address(settings: &Settings, camera: &str) -> Result<(Address, ServiceName), IpcError> {
-    let address = Address::new(settings, camera)?;
-    let name = ServiceName::new(&control_service_name(camera));
-    Ok((address, name.map_err(|_| IpcError::CameraName(camera.to_owned()))?))
-}
-
-fn builder(
-    node: &Node<Ipc>,
-    name: &ServiceName,
-) -> iceoryx2::service::builder::request_response::Builder<[u8], (), [u8], (), Ipc> {
+fn builder(node: &Node<Ipc>, name: &ServiceName) -> Builder<[u8], (), [u8], (), Ipc> {
     node.service_builder(name).request_response::<[u8], [u8]>()
 }
 
-impl fmt::Debug for ControlServer {
+impl fmt::Debug for ActiveRequest {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.debug_struct("ControlServer").field("camera", &self.address.camera).finish_non_exhaustive()
+        formatter.debug_struct("ActiveRequest").field("text", &self.text).finish_non_exhaustive()
     }
 }
 
-impl fmt::Debug for ControlClient {
+impl fmt::Debug for Replies {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.debug_struct("ControlClient").field("camera", &self.address.camera).finish_non_exhaustive()
-    }
-}
-
-impl fmt::Debug for Question {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.debug_struct("Question").field("text", &self.text).finish_non_exhaustive()
-    }
-}
-
-impl fmt::Debug for Answers {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.debug_struct("Answers").finish_non_exhaustive()
+        formatter.debug_struct("Replies").finish_non_exhaustive()
     }
 }

@@ -69,7 +69,7 @@ pub enum IpcError {
     },
     /// No place for another consumer.
     #[error(
-        "service \"{0}\" has as many consumers as it can: stop one, or raise max_subscribers of the driver"
+        "service \"{0}\" has as many consumers as it can: stop one, or, for frames, raise max_subscribers of the driver"
     )]
     TooManyConsumers(String),
     /// A consumer wants a frame more than it may hold.
@@ -173,6 +173,17 @@ impl IpcError {
                 | IpcError::Unwritable { .. }
                 | IpcError::TooFewFiles { .. }
                 | IpcError::AddressSpace { .. }
+        )
+    }
+
+    /// Whether it may end when other programs do: a predecessor stops, consumers let go, files are half made or half removed.
+    pub(crate) fn ends_with_others(&self) -> bool {
+        matches!(
+            self,
+            IpcError::AlreadyPublishing(_)
+                | IpcError::Incompatible { .. }
+                | IpcError::TooManyConsumers(_)
+                | IpcError::System { .. }
         )
     }
 }

@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 use iceoryx2::config::Config;
 use iceoryx2::prelude::PortFactory;
 
-use crate::settings::SHARED_MEMORY;
+use crate::error::IpcError;
+use crate::quirks::{self, SHARED_MEMORY};
 
 /// The files of one service, each with the device and inode that its name led to at the beginning.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -28,14 +29,7 @@ impl Footing {
         let folders = [SHARED_MEMORY.to_owned(), services, nodes].into_iter();
         // What cannot be seen now is not missed later.
         let files = folders.flat_map(|folder| fs::read_dir(folder).into_iter().flatten().flatten());
-        let ours = files.filter(|file| {
-            let name = file.file_name();
-            let name = name.to_string_lossy();
-            // Connections come and go with consumers.
-            name.starts_with(global.prefix.as_str())
-                && !name.ends_with(global.service.connection_suffix.as_str())
-                && marks.iter().any(|mark| name.contains(mark))
-        });
+        let ours = files.filter(|file| quirks::is_marked(&file.file_name().to_string_lossy(), config, marks));
         let mut footing = Footing(Vec::new());
         ours.for_each(|file| footing.add(file.path()));
         footing
@@ -55,6 +49,24 @@ impl Footing {
             Err(error) => error.kind() != io::ErrorKind::NotFound,
         })
     }
+
+    /// Keeps one end of a service where others find it: makes it anew with `create` where it is missing, or its files are no longer in
+    /// place. To be called about once a second.
+    ///
+    /// # Errors
+    /// Those of `create`: `end` is then missing, until the next call.
+    pub fn keep<T>(
+        end: &mut Option<T>,
+        footing: impl Fn(&T) -> &Footing,
+        create: impl FnOnce() -> Result<T, IpcError>,
+    ) -> Result<(), IpcError> {
+        // One must be gone before its successor comes: their files have the same names.
+        *end = end.take().filter(|end| footing(end).is_in_place());
+        if end.is_none() {
+            *end = Some(create()?);
+        }
+        Ok(())
+    }
 }
 
 /// A service that its opener holds. Its last holder removes its files by their names: where these lead to another service by now, made in
@@ -68,8 +80,8 @@ pub(crate) struct Held<S> {
 
 impl<S: PortFactory> Held<S> {
     pub(crate) fn new(service: S, config: &Config) -> Self {
-        let marks = [service.unique_service_id().value().to_string(), service.service_hash().to_string()];
-        Held { service: Some(service), footing: Footing::of(config, &marks) }
+        let footing = Footing::of(config, &marks_of(&service));
+        Held { service: Some(service), footing }
     }
 
     pub(crate) fn get(&self) -> Option<&S> {
@@ -83,6 +95,11 @@ impl<S> Drop for Held<S> {
             mem::forget(self.service.take());
         }
     }
+}
+
+/// What the files of a service have in their names.
+pub(crate) fn marks_of(service: &impl PortFactory) -> [String; 2] {
+    [service.unique_service_id().value().to_string(), service.service_hash().to_string()]
 }
 
 fn inode(file: &Path) -> io::Result<Inode> {

@@ -1,18 +1,9 @@
 //! The header of a frame: a fixed layout in shared memory, the same for every language.
-//!
-//! Three cache lines of 64 bytes, little-endian, each for one question; reserved bytes are zero and leave each room to grow:
-//!
-//! | bytes | line | why together |
-//! | --- | --- | --- |
-//! | 0..64 | what the picture is | all that a consumer must check before it touches a pixel lies in the line that it loads first |
-//! | 64..128 | which frame it is | order and loss; changes with every frame |
-//! | 128..192 | when it was | stamps; `send_monotonic_ns` is written last |
-//!
-//! The header sits directly before the pixels; its size is a multiple of 64, so pixels begin on a cache line.
 
 use std::fmt;
 use std::mem::{offset_of, size_of};
 
+use bitflags::bitflags;
 use iceoryx2::prelude::ZeroCopySend;
 use thiserror::Error;
 
@@ -27,7 +18,17 @@ pub const CONTRACT_VERSION: u16 = 2;
 /// Largest width and height of a frame, in pixels: a bound against nonsense, above any camera.
 const LARGEST_SIDE: u32 = 65_535;
 
-/// What is to be known of a frame besides its pixels. The layout is part of the contract; see the table in this file.
+/// What is to be known of a frame besides its pixels. The layout is part of the contract.
+///
+/// Three cache lines of 64 bytes, little-endian, each for one question; reserved bytes are zero and leave each room to grow:
+///
+/// | bytes | line | why together |
+/// | --- | --- | --- |
+/// | 0..64 | what the picture is | all that a consumer must check before it touches a pixel lies in the line that it loads first |
+/// | 64..128 | which frame it is | order and loss; changes with every frame |
+/// | 128..192 | when it was | stamps; `send_monotonic_ns` is written last |
+///
+/// The header sits directly before the pixels; its size is a multiple of 64, so pixels begin on a cache line.
 ///
 /// Any bytes are a valid `FrameHeader` in memory; [`FrameHeader::validate`] tells whether they make sense.
 ///
@@ -139,7 +140,7 @@ impl FrameHeader {
 
     /// Sets or clears `flag`.
     pub fn set_flag(&mut self, flag: Flags, on: bool) {
-        self.flags = if on { self.flags | flag } else { Flags(self.flags.0 & !flag.0) };
+        self.flags.set(flag, on);
     }
 
     /// Records the mask that was applied, with [`Flags::MASKED`]; `None` where none was.
@@ -195,48 +196,35 @@ impl FrameHeader {
 /// Bits of [`FrameHeader::flags`].
 #[derive(Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
 #[repr(C)]
-pub struct Flags(pub u32);
+pub struct Flags(u32);
 
-impl Flags {
-    /// No flag.
-    pub const NONE: Flags = Flags(0);
-    /// A mask was applied: [`FrameHeader::mask_id`] tells which.
-    pub const MASKED: Flags = Flags(1);
-    /// The frame was rendered, not taken.
-    pub const SIMULATED: Flags = Flags(1 << 1);
-    /// The frame was read from a file.
-    pub const REPLAYED: Flags = Flags(1 << 2);
-    /// Parts of the frame are missing.
-    pub const INCOMPLETE: Flags = Flags(1 << 3);
-    /// The device has no clock: [`FrameHeader::device_timestamp_ns`] says nothing.
-    pub const NO_DEVICE_CLOCK: Flags = Flags(1 << 4);
-
-    const NAMES: [(Flags, &str); 5] = [
-        (Flags::MASKED, "MASKED"),
-        (Flags::SIMULATED, "SIMULATED"),
-        (Flags::REPLAYED, "REPLAYED"),
-        (Flags::INCOMPLETE, "INCOMPLETE"),
-        (Flags::NO_DEVICE_CLOCK, "NO_DEVICE_CLOCK"),
-    ];
-
-    /// Whether every bit of `flag` is set.
-    pub const fn contains(self, flag: Flags) -> bool {
-        self.0 & flag.0 == flag.0
+bitflags! {
+    impl Flags: u32 {
+        /// A mask was applied: [`FrameHeader::mask_id`] tells which.
+        const MASKED = 1;
+        /// The frame was rendered, not taken.
+        const SIMULATED = 1 << 1;
+        /// The frame was read from a file.
+        const REPLAYED = 1 << 2;
+        /// Parts of the frame are missing.
+        const INCOMPLETE = 1 << 3;
+        /// The device has no clock: [`FrameHeader::device_timestamp_ns`] says nothing.
+        const NO_DEVICE_CLOCK = 1 << 4;
+        // Another process wrote them: any bit may be set.
+        const _ = !0;
     }
 }
 
-impl std::ops::BitOr for Flags {
-    type Output = Flags;
-
-    fn bitor(self, other: Flags) -> Flags {
-        Flags(self.0 | other.0)
-    }
+impl Flags {
+    /// No flag.
+    pub const NONE: Flags = Flags::empty();
 }
 
 impl fmt::Debug for Flags {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let set = Flags::NAMES.into_iter().filter(|(flag, _)| self.contains(*flag)).map(|(_, name)| name);
-        write!(formatter, "{:#x} [{}]", self.0, set.collect::<Vec<_>>().join(" | "))
+        write!(formatter, "{:#x} [", self.bits())?;
+        bitflags::parser::to_writer(self, &mut *formatter)?;
+        write!(formatter, "]")
     }
 }
 

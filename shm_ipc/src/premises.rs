@@ -5,8 +5,8 @@
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, Read};
-use std::os::unix::fs::{MetadataExt, PermissionsExt};
-use std::path::{Path, PathBuf};
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
 
 use iceoryx2::config::Config;
 use rustix::fs::{Access, AtFlags, CWD, StatVfsMountFlags, accessat, statvfs};
@@ -14,7 +14,8 @@ use rustix::io::Errno;
 use rustix::process::{Resource, geteuid, getrlimit};
 
 use crate::error::IpcError;
-use crate::settings::{ROOM_BYTES, SHARED_MEMORY};
+use crate::quirks::{self, SHARED_MEMORY};
+use crate::settings::ROOM_BYTES;
 
 /// Names of files in `/dev/shm` that must be free beside the bytes.
 const ROOM_FILES: u64 = 32;
@@ -24,10 +25,6 @@ pub(crate) const FILES: u64 = 16;
 pub(crate) const MAPPED_BYTES: u64 = 4 << 20;
 /// What `/etc/passwd` may hold to be searched for a name.
 const LONGEST_PASSWD: u64 = 4 << 20;
-/// Rights of group and others.
-const OTHERS: u32 = 0o077;
-/// The owner's right to read: a file has it once it is finished.
-const FINISHED: u32 = 0o400;
 
 /// Compares the owner of `root_path`, where it exists, with the user of this program.
 ///
@@ -109,11 +106,13 @@ pub(crate) fn is_foreign(file: &Metadata) -> bool {
 
 /// Takes the right to change iceoryx2's register of nodes from other users: it is made with mode 0666.
 pub(crate) fn close_management(config: &Config) {
-    for (file, found) in management(config) {
-        let mode = found.permissions().mode() & 0o777;
-        if !is_foreign(&found) && mode & FINISHED != 0 && mode & OTHERS != 0 {
+    for (file, found) in quirks::registers(config) {
+        if !is_foreign(&found)
+            && quirks::is_finished(&found)
+            && let Some(mode) = quirks::closed_to_others(&found)
+        {
             // Who just removed it took the right as well.
-            let _ = fs::set_permissions(file, fs::Permissions::from_mode(mode & !OTHERS));
+            let _ = fs::set_permissions(file, mode);
         }
     }
 }
@@ -192,35 +191,22 @@ pub(crate) fn address_space_left() -> Option<u64> {
     Some(limit.saturating_sub(mapped_bytes))
 }
 
-/// iceoryx2's register of nodes below this prefix and root_path, a file that stays.
-fn management(config: &Config) -> impl Iterator<Item = (PathBuf, Metadata)> {
-    let (prefix, suffix) = (config.global.prefix, config.global.node.global_mgmt_suffix);
-    let files = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten().filter(move |file| {
-        let name = file.file_name();
-        let name = name.as_encoded_bytes();
-        name.starts_with(prefix.as_str().as_bytes()) && name.ends_with(suffix.as_str().as_bytes())
-    });
-    files.filter_map(|file| Some((file.path(), file.metadata().ok()?)))
-}
-
-/// Refuses one of another user, and removes one of ours that another user made useless: iceoryx2 would wait for it without end.
+/// Refuses a register of another user, and removes one of ours that another user made useless: iceoryx2 would wait for it without end.
 fn mend_management(config: &Config) -> Result<(), IpcError> {
-    for (file, found) in management(config) {
+    for (file, found) in quirks::registers(config) {
         check_ours(&file)?;
-        let is_finished = found.permissions().mode() & FINISHED != 0;
-        if is_finished && !has_version(&file) {
+        if quirks::is_finished(&found) && !has_version(&file) {
             let _ = fs::remove_file(&file);
         }
     }
     Ok(())
 }
 
-/// Whether the register begins with a version, which its maker writes last.
 fn has_version(register: &Path) -> bool {
-    let mut version = [0; 8];
-    let read = File::open(register).and_then(|mut file| file.read_exact(&mut version));
+    let mut start = [0; 8];
+    let read = File::open(register).and_then(|mut file| file.read_exact(&mut start));
     match read {
-        Ok(()) => version != [0; 8],
+        Ok(()) => quirks::has_version(start),
         // Shorter than that.
         Err(error) => error.kind() != io::ErrorKind::UnexpectedEof,
     }

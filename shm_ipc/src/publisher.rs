@@ -7,9 +7,6 @@
 //!    sent. Its address stays the same for the life of the publisher.
 
 use std::error::Error;
-use std::io;
-use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
 
 use iceoryx2::port::DegradationAction;
 use iceoryx2::port::notifier::Notifier;
@@ -18,22 +15,19 @@ use iceoryx2::prelude::*;
 use iceoryx2::sample_mut::SampleMut;
 use rustix::fs::statvfs;
 
-use crate::cleanup::{cleanup, forget_segments, half_made};
+use crate::cleanup::forget_segments;
 use crate::clock::{monotonic_ns, realtime_ns};
 use crate::error::{IpcError, LoanError};
-use crate::footing::Footing;
+use crate::footing::{Footing, marks_of};
+use crate::frame_service::{self, FrameService, WakeService};
 use crate::header::FrameHeader;
 use crate::premises;
 use crate::production::Production;
+use crate::quirks::{Ipc, SHARED_MEMORY};
 use crate::resident;
-use crate::service::{Address, FrameService, Ipc, WakeService};
-use crate::settings::{ROOM_BYTES, SHARED_MEMORY, Settings, shared_memory_needed, slots_needed};
+use crate::service::{Address, patiently};
+use crate::settings::{ROOM_BYTES, Settings, shared_memory_needed, slots_needed};
 use crate::wake_word::WakeWord;
-
-/// How long [`Publisher::create`] waits for a predecessor to go and for consumers to let go of services that do not fit.
-const PATIENCE: Duration = Duration::from_secs(3);
-/// Time between its attempts.
-const RETRY: Duration = Duration::from_millis(20);
 
 /// Publishes the frames of one camera. There is one for each camera on a host.
 #[derive(Debug)]
@@ -47,8 +41,7 @@ pub struct Publisher {
     address: Address,
     frame_bytes: usize,
     loans: usize,
-    /// Locked by who publishes, which is one thread.
-    production: Mutex<Production>,
+    production: Production,
     footing: Footing,
 }
 
@@ -71,14 +64,10 @@ impl Publisher {
             let (key, found) = if loans == 0 { ("loans", loans) } else { ("frame_bytes", frame_bytes) };
             return Err(IpcError::Setting { key, found: found.to_string(), allowed: "1 or more" });
         }
-        let give_up = Instant::now() + PATIENCE;
-        loop {
-            let address = Address::for_driver(settings, camera)?;
-            match Publisher::try_create(address, settings, frame_bytes, loans) {
-                Err(error) if may_pass(&error) && Instant::now() < give_up => std::thread::sleep(RETRY),
-                outcome => return outcome,
-            }
-        }
+        patiently(|| {
+            let address = Address::for_publisher(settings, camera)?;
+            Publisher::try_create(address, settings, frame_bytes, loans)
+        })
     }
 
     fn try_create(
@@ -87,14 +76,8 @@ impl Publisher {
         frame_bytes: usize,
         loans: usize,
     ) -> Result<Publisher, IpcError> {
-        if let Some(path) = half_made(&address.config) {
-            let on = path.display().to_string();
-            let source = Box::new(io::Error::from(io::ErrorKind::TimedOut));
-            return Err(IpcError::System { doing: "waiting for another program to finish", on, source });
-        }
-        cleanup(&address.config);
-        let node = address.node_with_room_for(open_files(settings), premises::MAPPED_BYTES)?;
-        let (frames, wake) = address.create(&node, settings)?;
+        let node = address.driver_node(open_files(settings), premises::MAPPED_BYTES)?;
+        let (frames, wake) = frame_service::create(&address, &node, settings)?;
         if frames.dynamic_config().number_of_publishers() > 0 {
             return Err(IpcError::AlreadyPublishing(address.camera));
         }
@@ -116,27 +99,21 @@ impl Publisher {
                     forget_segments(&address.config, node.id().value());
                     not_mapped(&address.camera, need_bytes, Box::new(source))
                 }
-                _ => address.failed("creating the publisher of", address.frames_name(), source),
+                _ => address.failed("creating the publisher of", frames.name().as_str(), source),
             })?;
         let notifier = wake
             .notifier_builder()
             .create()
-            .map_err(|source| address.failed("creating the notifier of", address.wake_name(), source))?;
+            .map_err(|source| address.failed("creating the notifier of", wake.name().as_str(), source))?;
         let path = address.wake_word();
         premises::check_ours(&path)?;
         let wake_word = WakeWord::create(&path).map_err(|source| {
             address.failed("creating the wake word", &path.display().to_string(), source)
         })?;
         let production = Production::resume(wake_word.kept(), realtime_ns());
-        let marks = [
-            frames.unique_service_id().value().to_string(),
-            frames.service_hash().to_string(),
-            wake.unique_service_id().value().to_string(),
-            wake.service_hash().to_string(),
-            publisher.id().value().to_string(),
-            node.id().value().to_string(),
-        ];
-        let mut footing = address.footing(&marks);
+        let ports = [publisher.id().value(), node.id().value()].map(|number| number.to_string());
+        let marks = [marks_of(&frames), marks_of(&wake), ports].concat();
+        let mut footing = Footing::of(&address.config, &marks);
         footing.add(path);
         let publisher = Publisher {
             footing,
@@ -148,7 +125,7 @@ impl Publisher {
             address,
             frame_bytes,
             loans,
-            production: Mutex::new(production),
+            production,
         };
         publisher.take_memory()?;
         publisher.address.take_small_files()?;
@@ -159,7 +136,7 @@ impl Publisher {
     fn take_memory(&self) -> Result<(), IpcError> {
         let failed = |source: Box<dyn Error + Send + Sync>| IpcError::System {
             doing: "taking the memory of",
-            on: self.address.frames_name().to_string(),
+            on: self.frames.name().as_str().to_owned(),
             source,
         };
         // All slots lie in one mapping.
@@ -189,10 +166,9 @@ impl Publisher {
     /// [`IpcError::Header`] where the header does not describe the slot; [`IpcError::System`] where iceoryx2 fails. The frame was then
     /// not counted: it is one for [`Publisher::count_lost`].
     #[inline]
-    pub fn publish(&self, mut slot: Slot, header: &FrameHeader) -> Result<usize, IpcError> {
+    pub fn publish(&mut self, mut slot: Slot, header: &FrameHeader) -> Result<usize, IpcError> {
         header.validate(slot.len())?;
-        let mut production = self.production();
-        let produced = production.after(1);
+        let produced = self.production.after(1);
         // Before the frame goes out: a driver that is killed in between has lost it, and its successor's first frame says so.
         self.wake_word.keep(&produced);
         let sent = slot.sample.user_header_mut();
@@ -201,32 +177,30 @@ impl Publisher {
         sent.produced = produced.produced;
         sent.send_monotonic_ns = monotonic_ns();
         let reached = self.send(slot)?;
-        *production = produced;
+        self.production = produced;
         Ok(reached)
     }
 
     /// Counts frames that the device produced and that will not be published: the next frame tells, of whichever epoch.
     #[inline]
-    pub fn count_lost(&self, frames: u64) {
-        let mut production = self.production();
-        *production = production.after(frames);
-        self.wake_word.keep(&production);
+    pub fn count_lost(&mut self, frames: u64) {
+        self.production = self.production.after(frames);
+        self.wake_word.keep(&self.production);
     }
 
     /// Begins an epoch, and returns its identity for [`FrameHeader::epoch`]: CLOCK_REALTIME in ns, always above the one before, whoever
     /// began that.
-    pub fn begin_epoch(&self) -> u64 {
-        let mut production = self.production();
-        *production = production.in_next_epoch(realtime_ns());
-        self.wake_word.keep(&production);
-        production.epoch
+    pub fn begin_epoch(&mut self) -> u64 {
+        self.production = self.production.in_next_epoch(realtime_ns());
+        self.wake_word.keep(&self.production);
+        self.production.epoch
     }
 
     /// iceoryx2's part of it, which stays in one piece: spread over its caller, it becomes slower.
     #[inline(never)]
     fn send(&self, slot: Slot) -> Result<usize, IpcError> {
         let reached = slot.sample.send().map_err(|source| {
-            self.address.failed("sending a frame through", self.address.frames_name(), source)
+            self.address.failed("sending a frame through", self.frames.name().as_str(), source)
         })?;
         self.wake_word.announce();
         if self.wake.dynamic_config().number_of_listeners() > 0 {
@@ -251,29 +225,12 @@ impl Publisher {
     pub fn frame_bytes(&self) -> usize {
         self.frame_bytes
     }
-
-    #[inline]
-    fn production(&self) -> MutexGuard<'_, Production> {
-        // Plain numbers: valid whatever happened to another holder.
-        self.production.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 impl Drop for Publisher {
     fn drop(&mut self) {
-        self.wake_word.keep_anew(&self.production());
+        self.wake_word.keep_anew(&self.production);
     }
-}
-
-/// Whether the next attempt may succeed: a predecessor stops, consumers let go, files are half made or half removed.
-fn may_pass(error: &IpcError) -> bool {
-    matches!(
-        error,
-        IpcError::AlreadyPublishing(_)
-            | IpcError::Incompatible { .. }
-            | IpcError::TooManyConsumers(_)
-            | IpcError::System { .. }
-    )
 }
 
 /// Files that a publisher has open once all consumers that there can be are connected.

@@ -10,7 +10,7 @@ use std::ops::Range;
 use rustix::io::Errno;
 use rustix::mm::{Advice, madvise};
 
-use crate::settings::SHARED_MEMORY;
+use crate::quirks::SHARED_MEMORY;
 
 /// Longest file whose memory is taken because it is small, bytes.
 const SMALL: usize = 1 << 20;

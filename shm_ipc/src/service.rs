@@ -1,98 +1,146 @@
-//! The two services of a camera: their names, how they are made, found and cleaned up.
+//! How each end of each service comes to be: signing in, cleaning up, trying again, holding what was opened.
+//!
+//! The driver's ends make their service ([`Served`]); the ends of others open it where it is there ([`Visited`]). Frames, which have two
+//! services and a page, take the steps one by one.
 
+use std::fmt;
+use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
-use iceoryx2::service::builder::event::{EventOpenError as OpenWake, EventOpenOrCreateError};
-use iceoryx2::service::builder::publish_subscribe::{
-    PublishSubscribeCreateError as CreateFrames, PublishSubscribeOpenError as OpenFrames,
-    PublishSubscribeOpenOrCreateError,
-};
-use iceoryx2::service::port_factory::{event, publish_subscribe};
 
-use crate::cleanup::half_made;
+use crate::cleanup::{cleanup, half_made};
 use crate::error::IpcError;
-use crate::footing::Footing;
-use crate::header::{CONTRACT_VERSION, FrameHeader};
+use crate::footing::{Footing, Held, marks_of};
 use crate::log::quieten;
 use crate::premises;
+use crate::quirks::{self, Ipc, SHARED_MEMORY};
 use crate::resident;
-use crate::settings::{SHARED_MEMORY, Settings, is_name};
+use crate::settings::{Settings, is_name};
 
-/// Ports behind a mutex, so that slots and frames may go from thread to thread; 0.2 us a call over `ipc` where the cache is warm.
-pub(crate) type Ipc = ipc_threadsafe::Service;
-pub(crate) type FrameService = publish_subscribe::PortFactory<Ipc, [u8], FrameHeader>;
-pub(crate) type WakeService = event::PortFactory<Ipc>;
+mod refusal;
 
-/// Name of the service that carries the frames of `camera`.
-pub fn frame_service_name(camera: &str) -> String {
-    format!("uvcam/v{CONTRACT_VERSION}/{camera}/frames")
-}
+pub(crate) use refusal::Refusal;
 
-/// Name of the event service of `camera`, for consumers that attach it to a `WaitSet`: notified after every frame.
-pub fn wake_service_name(camera: &str) -> String {
-    format!("uvcam/v{CONTRACT_VERSION}/{camera}/wake")
-}
+use refusal::Reason;
 
-/// The names of a camera's services, and what is needed to reach them.
+/// How long the driver's ends wait for a predecessor to go and for others to let go of services that do not fit.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// Time between their attempts.
+const RETRY: Duration = Duration::from_millis(20);
+
+/// A camera, and what is needed to reach its services.
 #[derive(Debug)]
 pub(crate) struct Address {
     pub(crate) camera: String,
     pub(crate) config: Config,
-    frames: ServiceName,
-    wake: ServiceName,
 }
 
 impl Address {
     pub(crate) fn new(settings: &Settings, camera: &str) -> Result<Self, IpcError> {
         quieten();
         let config = settings.to_iceoryx2()?;
-        let wrong = || IpcError::CameraName(camera.to_owned());
         if !is_name(camera, 64) {
-            return Err(wrong());
+            return Err(wrong_name(camera));
         }
-        let frames = ServiceName::new(&frame_service_name(camera)).map_err(|_| wrong())?;
-        let wake = ServiceName::new(&wake_service_name(camera)).map_err(|_| wrong())?;
         premises::check_owner(&config)?;
-        Ok(Address { camera: camera.to_owned(), config, frames, wake })
+        Ok(Address { camera: camera.to_owned(), config })
     }
 
-    /// As [`Address::new`], for the driver, which waits for nobody: iceoryx2 connects to new consumers while it sends a frame, and would
-    /// wait there for memory that a consumer has not finished, or that belongs to another user. What can be tried again is.
-    pub(crate) fn for_driver(settings: &Settings, camera: &str) -> Result<Self, IpcError> {
+    /// As [`Address::new`], for the publisher of frames, which waits for nobody: iceoryx2 connects to new consumers while it sends a frame,
+    /// and would wait there for memory that a consumer has not finished, or that belongs to another user. A consumer that was not
+    /// connected to notices it, and comes again.
+    ///
+    /// Health and control wait a little instead: iceoryx2 connects once, their readers and clients would not notice, and nothing there is
+    /// near the path of a frame.
+    pub(crate) fn for_publisher(settings: &Settings, camera: &str) -> Result<Self, IpcError> {
         let mut address = Address::new(settings, camera)?;
         address.config.global.creation_timeout = Duration::ZERO;
         Ok(address)
     }
 
-    /// Signs this program in, where all is there that it relies on.
-    pub(crate) fn node(&self) -> Result<Node<Ipc>, IpcError> {
-        self.node_with_room_for(premises::FILES, premises::MAPPED_BYTES)
+    /// The name of one of its services, as iceoryx2 wants it.
+    pub(crate) fn service_name(&self, name: &str) -> Result<ServiceName, IpcError> {
+        ServiceName::new(name).map_err(|_| wrong_name(&self.camera))
     }
 
-    /// The same for a program that is about to open as many files and to map as much.
-    pub(crate) fn node_with_room_for(&self, files: u64, mapped_bytes: u64) -> Result<Node<Ipc>, IpcError> {
+    /// Signs this program in, where all is there that it relies on, and room to open as many files and to map as much.
+    fn node(&self, files: u64, mapped_bytes: u64) -> Result<Node<Ipc>, IpcError> {
         premises::check(&self.config, files, mapped_bytes)?;
         let builder =
             NodeBuilder::new().config(&self.config).signal_handling_mode(SignalHandlingMode::Disabled);
         let node = builder.create().map_err(|source| match source {
-            iceoryx2::node::NodeCreationFailure::InsufficientPermissions => self.permission(),
+            iceoryx2::node::NodeCreationFailure::InsufficientPermissions => premises::no_access(&self.config),
             _ => self.failed("signing in at", self.root_path(), source),
         });
         premises::close_management(&self.config);
         node
     }
 
+    /// Signs a driver in, after a predecessor that was killed has given its place to it.
+    pub(crate) fn driver_node(&self, files: u64, mapped_bytes: u64) -> Result<Node<Ipc>, IpcError> {
+        if let Some(path) = half_made(&self.config) {
+            let source = io::Error::from(io::ErrorKind::TimedOut);
+            let on = path.display().to_string();
+            return Err(self.failed("waiting for another program to finish", &on, source));
+        }
+        cleanup(&self.config);
+        self.node(files, mapped_bytes)
+    }
+
     /// Signs a consumer in; `None` where there is no `root_path`, so that no driver runs. Who only looks for one makes nothing.
     pub(crate) fn visiting_node(&self) -> Result<Option<Node<Ipc>>, IpcError> {
         if premises::has_root_path(&self.config) {
-            return self.node().map(Some);
+            return self.node(premises::FILES, premises::MAPPED_BYTES).map(Some);
         }
         premises::check_shared_memory()?;
         Ok(None)
+    }
+
+    /// A service that was to be opened; `None` where it is not there, half made or half removed.
+    pub(crate) fn opened<S, R: Refusal>(
+        &self,
+        name: &ServiceName,
+        outcome: Result<S, R>,
+    ) -> Result<Option<S>, IpcError> {
+        match outcome {
+            Ok(service) => Ok(Some(service)),
+            Err(refusal) if refusal.reason() == Reason::Absent => Ok(None),
+            Err(refusal) => Err(self.refused("opening service", name, refusal)),
+        }
+    }
+
+    /// A service that was to be made, or opened where others hold it from before.
+    pub(crate) fn created<S, R: Refusal>(
+        &self,
+        name: &ServiceName,
+        outcome: Result<S, R>,
+    ) -> Result<S, IpcError> {
+        outcome.map_err(|refusal| self.refused("creating service", name, refusal))
+    }
+
+    fn refused<R: Refusal>(&self, doing: &'static str, name: &ServiceName, refusal: R) -> IpcError {
+        let service = name.as_str().to_owned();
+        match refusal.reason() {
+            Reason::Permission => premises::no_access(&self.config),
+            Reason::Full => IpcError::TooManyConsumers(service),
+            Reason::Incompatible => IpcError::Incompatible { service, source: Box::new(refusal) },
+            Reason::Absent | Reason::Other => self.failed(doing, &service, refusal),
+        }
+    }
+
+    /// The driver's side: removes the description of a service whose register is gone, which can be neither opened nor made anew.
+    pub(crate) fn clear_description(&self, service: &ServiceName, pattern: MessagingPattern) {
+        if let Ok(Some(found)) = Ipc::details(service, &self.config, pattern)
+            && found.dynamic_details.is_none()
+        {
+            let description = quirks::description(&self.config, found.static_details.service_hash());
+            // What cannot be removed fails when the service is made.
+            let _ = std::fs::remove_file(description);
+        }
     }
 
     /// Takes the memory of all small files that were just made or opened, so that nobody meets their absence later.
@@ -103,100 +151,6 @@ impl Address {
         })
     }
 
-    /// The files that others find these services, ports and nodes by.
-    pub(crate) fn footing(&self, marks: &[String]) -> Footing {
-        Footing::of(&self.config, marks)
-    }
-
-    /// The driver's side: makes the services, or opens them where consumers hold them from before.
-    pub(crate) fn create(
-        &self,
-        node: &Node<Ipc>,
-        settings: &Settings,
-    ) -> Result<(FrameService, WakeService), IpcError> {
-        self.clear_description(&self.frames, MessagingPattern::PublishSubscribe);
-        self.clear_description(&self.wake, MessagingPattern::Event);
-        // Room for killed programs that nobody cleaned up yet.
-        let max_nodes = 2 * settings.max_subscribers + 2;
-        let frames = node
-            .service_builder(&self.frames)
-            .publish_subscribe::<[u8]>()
-            .user_header::<FrameHeader>()
-            .max_publishers(1)
-            .max_subscribers(settings.max_subscribers)
-            .max_nodes(max_nodes)
-            .subscriber_max_buffer_size(settings.buffer)
-            .subscriber_max_borrowed_samples(settings.borrowed)
-            .history_size(0)
-            .enable_safe_overflow(true)
-            .open_or_create()
-            .map_err(|source| self.frames_not_created(source))?;
-        let wake = node
-            .service_builder(&self.wake)
-            .event()
-            .max_notifiers(1)
-            .max_listeners(settings.max_subscribers)
-            .max_nodes(max_nodes)
-            .event_id_max_value(0)
-            .open_or_create()
-            .map_err(|source| self.wake_not_created(source))?;
-        Ok((frames, wake))
-    }
-
-    /// The consumer's side: opens the services, whatever the numbers they were made with; `None` where they are not there, half made
-    /// or half removed.
-    pub(crate) fn open(&self, node: &Node<Ipc>) -> Result<Option<(FrameService, WakeService)>, IpcError> {
-        if half_made(&self.config).is_some() {
-            return Ok(None);
-        }
-        let frames = node
-            .service_builder(&self.frames)
-            .publish_subscribe::<[u8]>()
-            .user_header::<FrameHeader>()
-            .open();
-        let frames = match frames {
-            Ok(frames) => frames,
-            Err(
-                OpenFrames::DoesNotExist
-                | OpenFrames::ServiceInCorruptedState
-                | OpenFrames::IsMarkedForDestruction
-                | OpenFrames::HangsInCreation,
-            ) => return Ok(None),
-            Err(source) => return Err(self.frames_not_opened(source)),
-        };
-        match node.service_builder(&self.wake).event().open() {
-            Ok(wake) => Ok(Some((frames, wake))),
-            Err(
-                OpenWake::DoesNotExist
-                | OpenWake::ServiceInCorruptedState
-                | OpenWake::IsMarkedForDestruction
-                | OpenWake::HangsInCreation,
-            ) => Ok(None),
-            Err(source) => Err(self.wake_not_opened(source)),
-        }
-    }
-
-    /// Whether `frames` is still the service that others find under this name.
-    pub(crate) fn leads_to(&self, frames: &FrameService) -> bool {
-        let details = Ipc::details(&self.frames, &self.config, MessagingPattern::PublishSubscribe);
-        matches!(details, Ok(Some(found)) if found.dynamic_details.is_some()
-            && found.static_details.unique_service_id() == frames.unique_service_id())
-    }
-
-    /// The driver's side: removes the description of a service whose register is gone, which can be neither opened nor made anew.
-    pub(crate) fn clear_description(&self, service: &ServiceName, pattern: MessagingPattern) {
-        if let Ok(Some(found)) = Ipc::details(service, &self.config, pattern)
-            && found.dynamic_details.is_none()
-        {
-            let global = &self.config.global;
-            let hash = found.static_details.service_hash();
-            let suffix = global.service.static_config_storage_suffix;
-            let name = format!("{}{hash}{suffix}", global.prefix);
-            // What cannot be removed fails when the service is made.
-            let _ = std::fs::remove_file(Path::new(&global.service_dir().to_string()).join(name));
-        }
-    }
-
     pub(crate) fn failed(
         &self,
         doing: &'static str,
@@ -204,14 +158,6 @@ impl Address {
         source: impl std::error::Error + Send + Sync + 'static,
     ) -> IpcError {
         IpcError::System { doing, on: on.to_owned(), source: Box::new(source) }
-    }
-
-    pub(crate) fn frames_name(&self) -> &str {
-        self.frames.as_str()
-    }
-
-    pub(crate) fn wake_name(&self) -> &str {
-        self.wake.as_str()
     }
 
     /// The page of the camera's wake word. `root_path`, which is there when it is needed, may have several paths, in containers and by links.
@@ -225,67 +171,104 @@ impl Address {
     fn root_path(&self) -> &str {
         self.config.global.root_path().as_str()
     }
+}
 
-    fn permission(&self) -> IpcError {
-        premises::no_access(&self.config)
-    }
+fn wrong_name(camera: &str) -> IpcError {
+    IpcError::CameraName(camera.to_owned())
+}
 
-    fn incompatible(
-        &self,
-        service: &ServiceName,
-        source: impl std::error::Error + Send + Sync + 'static,
-    ) -> IpcError {
-        IpcError::Incompatible { service: service.as_str().to_owned(), source: Box::new(source) }
-    }
-
-    fn frames_not_created(&self, source: PublishSubscribeOpenOrCreateError) -> IpcError {
-        use PublishSubscribeOpenOrCreateError::{PublishSubscribeCreateError, PublishSubscribeOpenError};
-        match source {
-            PublishSubscribeOpenError(open) => self.frames_not_opened(open),
-            PublishSubscribeCreateError(CreateFrames::InsufficientPermissions) => self.permission(),
-            _ => self.failed("creating service", self.frames.as_str(), source),
+/// Tries again for a while what may succeed when a predecessor has stopped, others have let go, and half-made files are gone.
+pub(crate) fn patiently<T>(mut attempt: impl FnMut() -> Result<T, IpcError>) -> Result<T, IpcError> {
+    let give_up = Instant::now() + PATIENCE;
+    loop {
+        match attempt() {
+            Err(error) if error.ends_with_others() && Instant::now() < give_up => std::thread::sleep(RETRY),
+            outcome => return outcome,
         }
     }
+}
 
-    fn wake_not_created(&self, source: EventOpenOrCreateError) -> IpcError {
-        match source {
-            EventOpenOrCreateError::EventOpenError(open) => self.wake_not_opened(open),
-            _ => self.failed("creating service", self.wake.as_str(), source),
-        }
+/// What the driver's end of a service is called and takes.
+pub(crate) struct Plan {
+    pub(crate) name: String,
+    pub(crate) pattern: MessagingPattern,
+    /// Files that it has open once all are connected that there can be.
+    pub(crate) files: u64,
+    pub(crate) mapped_bytes: u64,
+}
+
+/// The driver's end of a service, which it makes.
+pub(crate) struct Served<P, S> {
+    // In this order: a service and its node live as long as their ports.
+    pub(crate) port: P,
+    pub(crate) service: S,
+    _node: Node<Ipc>,
+    pub(crate) address: Address,
+    pub(crate) footing: Footing,
+}
+
+impl<P, S: PortFactory> Served<P, S> {
+    /// Makes the service of `camera`, and its port, whose number in the names of files comes with it.
+    pub(crate) fn create(
+        settings: &Settings,
+        camera: &str,
+        plan: Plan,
+        make: impl FnOnce(&Address, &Node<Ipc>, &ServiceName) -> Result<(S, P, u128), IpcError>,
+    ) -> Result<Self, IpcError> {
+        let address = Address::new(settings, camera)?;
+        let name = address.service_name(&plan.name)?;
+        let node = address.driver_node(plan.files, plan.mapped_bytes)?;
+        address.clear_description(&name, plan.pattern);
+        let (service, port, number) = make(&address, &node, &name)?;
+        let mut marks = marks_of(&service).to_vec();
+        marks.extend([number, node.id().value()].map(|number| number.to_string()));
+        let footing = Footing::of(&address.config, &marks);
+        address.take_small_files()?;
+        Ok(Served { port, service, _node: node, address, footing })
     }
+}
 
-    fn frames_not_opened(&self, source: OpenFrames) -> IpcError {
-        use OpenFrames::*;
-        match source {
-            InsufficientPermissions => self.permission(),
-            ExceedsMaxNumberOfNodes => IpcError::TooManyConsumers(self.frames.as_str().to_owned()),
-            IncompatibleTypes
-            | IncompatibleMessagingPattern
-            | IncompatibleAttributes
-            | IncompatibleOverflowBehavior
-            | VersionMismatch
-            | DoesNotSupportRequestedMinBufferSize
-            | DoesNotSupportRequestedMinHistorySize
-            | DoesNotSupportRequestedMinSubscriberBorrowedSamples
-            | DoesNotSupportRequestedAmountOfPublishers
-            | DoesNotSupportRequestedAmountOfSubscribers
-            | DoesNotSupportRequestedAmountOfNodes => self.incompatible(&self.frames, source),
-            _ => self.failed("opening service", self.frames.as_str(), source),
+/// Another program's end of a service, which it finds.
+pub(crate) struct Visited<P, S: PortFactory> {
+    // In this order: as above.
+    pub(crate) port: P,
+    _service: Held<S>,
+    _node: Node<Ipc>,
+    pub(crate) address: Address,
+}
+
+impl<P, S: PortFactory> Visited<P, S> {
+    /// Opens the service of `camera`, and makes its port; `None` where no driver runs.
+    pub(crate) fn open(
+        settings: &Settings,
+        camera: &str,
+        name: &str,
+        open: impl FnOnce(&Address, &Node<Ipc>, &ServiceName) -> Result<Option<(S, P)>, IpcError>,
+    ) -> Result<Option<Self>, IpcError> {
+        let address = Address::new(settings, camera)?;
+        let name = address.service_name(name)?;
+        // What others are just making is soon finished, or never.
+        let give_up = Instant::now() + PATIENCE;
+        while half_made(&address.config).is_some() && Instant::now() < give_up {
+            std::thread::sleep(RETRY);
         }
+        // A driver that was killed must not be taken for one that runs.
+        cleanup(&address.config);
+        let Some(node) = address.visiting_node()? else { return Ok(None) };
+        let Some((service, port)) = open(&address, &node, &name)? else { return Ok(None) };
+        address.take_small_files()?;
+        Ok(Some(Visited { port, _service: Held::new(service, &address.config), _node: node, address }))
     }
+}
 
-    fn wake_not_opened(&self, source: OpenWake) -> IpcError {
-        use OpenWake::*;
-        match source {
-            InsufficientPermissions => self.permission(),
-            ExceedsMaxNumberOfNodes => IpcError::TooManyConsumers(self.wake.as_str().to_owned()),
-            IncompatibleMessagingPattern
-            | VersionMismatch
-            | DoesNotSupportRequestedAmountOfNotifiers
-            | DoesNotSupportRequestedAmountOfListeners
-            | DoesNotSupportRequestedMaxEventId
-            | DoesNotSupportRequestedAmountOfNodes => self.incompatible(&self.wake, source),
-            _ => self.failed("opening service", self.wake.as_str(), source),
-        }
+impl<P, S> fmt::Debug for Served<P, S> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("Served").field("camera", &self.address.camera).finish_non_exhaustive()
+    }
+}
+
+impl<P, S: PortFactory> fmt::Debug for Visited<P, S> {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("Visited").field("camera", &self.address.camera).finish_non_exhaustive()
     }
 }

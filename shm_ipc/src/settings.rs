@@ -10,12 +10,7 @@ use iceoryx2::service::header::publish_subscribe::Header;
 
 use crate::error::IpcError;
 use crate::header::FrameHeader;
-
-/// A UNIX socket's path has 107 bytes, of which iceoryx2 takes up to 46 beside `root_path` and `prefix`.
-const LONGEST_PATHS: usize = 60;
-
-/// Where iceoryx2 keeps its memory.
-pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
+use crate::quirks::LONGEST_PATHS;
 
 /// What must be free in `/dev/shm` for anybody to sign in: some pages, and never more than a tenth of this.
 pub(crate) const ROOM_BYTES: u64 = 1 << 20;

@@ -20,7 +20,8 @@ use crate::error::IpcError;
 use crate::header::FrameHeader;
 use crate::prediction::Prediction;
 use crate::premises;
-use crate::service::{Address, Ipc};
+use crate::quirks::Ipc;
+use crate::service::Address;
 use crate::settings::Settings;
 use crate::wakeup::Wakeup;
 

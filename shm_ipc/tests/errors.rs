@@ -13,8 +13,8 @@ use rustix::process::{Resource, Rlimit, setrlimit};
 use support::child::{Role, role, say};
 use support::namespace::with_shared_memory;
 use support::*;
-use uvcam_shm_ipc::control::{ControlClient, ControlServer};
-use uvcam_shm_ipc::health::{HealthPublisher, HealthReader};
+use uvcam_shm_ipc::control::{ControlClient, ControlServer, control_service_name};
+use uvcam_shm_ipc::health::{HealthPublisher, HealthReader, health_service_name};
 use uvcam_shm_ipc::{
     FrameHeader, IpcError, LoanError, PixelFormat, Publisher, Settings, Subscriber, cleanup_dead_nodes,
     frame_service_name,
@@ -115,7 +115,7 @@ fn names_and_numbers_that_cannot_be() {
 #[test]
 fn services_and_frames_that_somebody_holds() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let error = Publisher::create(&place.settings, CAMERA, FRAME_BYTES, LOANS).unwrap_err();
     assert!(matches!(error, IpcError::AlreadyPublishing(_)), "{error:?}");
     says(&error, &["\"left\"", "another running driver", "another camera name or prefix"]);
@@ -128,11 +128,11 @@ fn services_and_frames_that_somebody_holds() {
 
     let held: Vec<_> = (0..place.settings.borrowed as u64)
         .map(|sequence| {
-            publish(&publisher, 7, sequence);
+            publish(&mut publisher, 7, sequence);
             receive(&mut subscriber)
         })
         .collect();
-    publish(&publisher, 7, 9);
+    publish(&mut publisher, 7, 9);
     let error = subscriber.next().unwrap_err();
     assert!(matches!(error, IpcError::TooManyHeld(_)), "{error:?}");
     says(&error, &["\"left\"", "drop one", "borrowed"]);
@@ -155,9 +155,26 @@ fn services_and_frames_that_somebody_holds() {
 }
 
 #[test]
+fn health_and_control_tell_whoever_comes_too_late_that_all_places_are_taken() {
+    let place = Place::new();
+    let (settings, health, control) =
+        (&place.settings, health_service_name(CAMERA), control_service_name(CAMERA));
+    let _publisher = HealthPublisher::create(settings, CAMERA).unwrap();
+    let _readers: Vec<_> = (0..16).map(|_| HealthReader::open(settings, CAMERA).unwrap().unwrap()).collect();
+    let error = HealthReader::open(settings, CAMERA).map(drop).unwrap_err();
+    assert!(matches!(error, IpcError::TooManyConsumers(_)), "{error:?}");
+    says(&error, &[&health, "stop one"]);
+    let _server = ControlServer::create(settings, CAMERA).unwrap();
+    let _clients: Vec<_> = (0..4).map(|_| ControlClient::open(settings, CAMERA).unwrap().unwrap()).collect();
+    let error = ControlClient::open(settings, CAMERA).map(drop).unwrap_err();
+    assert!(matches!(error, IpcError::TooManyConsumers(_)), "{error:?}");
+    says(&error, &[&control, "stop one"]);
+}
+
+#[test]
 fn a_header_that_does_not_describe_its_frame() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let header = FrameHeader::new(2 * WIDTH, HEIGHT, 2 * WIDTH, PixelFormat::Mono8);
     let error = publisher.publish(publisher.loan().unwrap(), &header).unwrap_err();
     assert!(matches!(error, IpcError::Header(_)), "{error:?}");
@@ -249,7 +266,7 @@ fn a_full_shared_memory_is_told_to_whoever_comes() {
         assert!(matches!(error, IpcError::SharedMemoryFull { slots: 15, .. }), "{error:?}");
         says(&error, &["/dev/shm has 8 MB free", "\"left\" needs 3", "--shm-size", "max_subscribers"]);
         // Somebody flies already; then another program takes all there is.
-        let publisher = place.publisher();
+        let mut publisher = place.publisher();
         let health = HealthPublisher::create(&place.settings, CAMERA).unwrap();
         let (mut subscriber, mut reader) =
             (place.subscriber(), HealthReader::open(&place.settings, CAMERA).unwrap().unwrap());
@@ -264,7 +281,7 @@ fn a_full_shared_memory_is_told_to_whoever_comes() {
         }
         // Who was there goes on, through every slot and record.
         for sequence in 0..100 {
-            publish(&publisher, 7, sequence);
+            publish(&mut publisher, 7, sequence);
             assert_pixels(&receive(&mut subscriber));
             health.publish(&uvcam_shm_ipc::health::Health::new()).unwrap();
             reader.wait(PATIENCE).unwrap().unwrap();
@@ -278,7 +295,7 @@ fn a_full_shared_memory_takes_no_question_and_no_answer() {
         let place = Place::new();
         let server = ControlServer::create(&place.settings, CAMERA).unwrap();
         let client = ControlClient::open(&place.settings, CAMERA).unwrap().unwrap();
-        let _answers = client.ask("first").unwrap();
+        let _replies = client.request("first").unwrap();
         let mut question = None;
         wait_until("the question", || {
             question = server.next().unwrap();
@@ -286,8 +303,8 @@ fn a_full_shared_memory_takes_no_question_and_no_answer() {
         });
         let free = statvfs("/dev/shm").unwrap();
         fs::write("/dev/shm/full", vec![1; usize::try_from(free.f_bavail * free.f_frsize).unwrap()]).unwrap();
-        assert!(!question.unwrap().answer(&"x".repeat(200_000)));
-        let error = client.ask(&"x".repeat(200_000)).map(drop).unwrap_err();
+        assert!(!question.unwrap().reply(&"x".repeat(200_000)));
+        let error = client.request(&"x".repeat(200_000)).map(drop).unwrap_err();
         assert!(matches!(error, IpcError::NoRoom { .. }), "{error:?}");
     });
 }

@@ -94,7 +94,7 @@ fn the_memory_of_small_files_and_frames_is_taken_when_they_are_made() {
     let _client = ControlClient::open(&place.settings, CAMERA).unwrap().unwrap();
     let _reader = HealthReader::open(&place.settings, CAMERA).unwrap().unwrap();
     let files = shared(&place, "").into_iter().map(|file| (fs::metadata(&file).unwrap(), file));
-    // Questions and answers are long and rare: their memory is looked for when they are written.
+    // Requests and replies are long and rare: their memory is looked for when they are written.
     let small: Vec<_> = files.filter(|(found, _)| found.len() <= 1 << 20).collect();
     assert!(small.len() >= 10, "{small:?}");
     for (found, file) in small {
@@ -170,7 +170,7 @@ fn killed_drivers_leave_nothing_below_root_path() {
 #[test]
 fn two_root_paths_with_one_prefix_share_nothing() {
     let place = Place::new();
-    let one = place.publisher();
+    let mut one = place.publisher();
     let files = place.shared_memory();
     let settings = Settings { root_path: place.folder.path().join("other"), ..place.settings.clone() };
     let other = uvcam_shm_ipc::Publisher::create(&settings, CAMERA, FRAME_BYTES, LOANS).unwrap();
@@ -186,7 +186,7 @@ fn two_root_paths_with_one_prefix_share_nothing() {
     // A sleeper is still woken, and not only by the end of its sleep.
     std::thread::scope(|scope| {
         let received = scope.spawn(|| receive(&mut subscriber).header().sequence);
-        publish(&one, 7, 0);
+        publish(&mut one, 7, 0);
         assert_eq!(received.join().unwrap(), 0);
     });
 }
@@ -231,12 +231,12 @@ fn is_owned(file: &Path) -> bool {
 #[test]
 fn what_is_made_anew_is_found_by_those_who_were_there_and_those_who_come() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let health = HealthPublisher::create(&place.settings, CAMERA).unwrap();
     let control = ControlServer::create(&place.settings, CAMERA).unwrap();
     let mut subscriber = place.subscriber();
     meet(&publisher, &mut subscriber);
-    publish(&publisher, 1, 0);
+    publish(&mut publisher, 1, 0);
     assert_pixels(&receive(&mut subscriber));
     let mut ends = (publisher, health, control);
     for epoch in 2..6 {
@@ -251,7 +251,7 @@ fn what_is_made_anew_is_found_by_those_who_were_there_and_those_who_come() {
             HealthPublisher::create_at_once(&place.settings, CAMERA).unwrap(),
             ControlServer::create_at_once(&place.settings, CAMERA).unwrap(),
         );
-        let (publisher, health, control) = &ends;
+        let (publisher, health, control) = &mut ends;
         meet(publisher, &mut subscriber);
         publish(publisher, epoch, 0);
         assert!(receive(&mut subscriber).epoch_changed());

@@ -63,31 +63,31 @@ fn memory_that_cannot_be_mapped_is_an_error() {
 #[test]
 fn consumers_killed_with_frames_in_hand_take_nothing_from_the_driver() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut witness = place.subscriber();
     let sequence = Cell::new(0);
-    let publish_next = || {
-        publish(&publisher, 7, sequence.get());
+    let publish_next = |publisher: &mut Publisher| {
+        publish(publisher, 7, sequence.get());
         sequence.set(sequence.get() + 1);
     };
-    publish_next();
+    publish_next(&mut publisher);
     drain(&mut witness);
     for _ in 0..10 {
         let consumer = Role::start("consumer", &place.settings);
         consumer.expect("ready");
         wait_until("both consumers", || publisher.subscribers() == 2);
-        (0..place.settings.borrowed).for_each(|_| publish_next());
+        (0..place.settings.borrowed).for_each(|_| publish_next(&mut publisher));
         consumer.expect("holding");
         consumer.kill();
         // As long as nobody cleaned up, the dead one fills its buffer; the driver goes on.
         for _ in 0..50 {
             let slots: Vec<_> = (0..LOANS).map(|_| publisher.loan().unwrap()).collect();
             drop(slots);
-            publish_next();
+            publish_next(&mut publisher);
         }
         cleanup_dead_nodes(&place.settings);
         assert_eq!(publisher.subscribers(), 1);
-        publish_next();
+        publish_next(&mut publisher);
         assert!(drain(&mut witness).iter().any(|(last, _)| *last + 1 == sequence.get()));
     }
     assert_eq!(witness.frames() + witness.lost(), sequence.get());
@@ -96,17 +96,17 @@ fn consumers_killed_with_frames_in_hand_take_nothing_from_the_driver() {
 #[test]
 fn a_stopped_consumer_holds_nobody_up() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut consumer = Role::start("consumer", &place.settings);
     consumer.expect("ready");
     wait_until("the consumer", || publisher.subscribers() == 1);
-    (0..2).for_each(|sequence| _ = publish(&publisher, 7, sequence));
+    (0..2).for_each(|sequence| _ = publish(&mut publisher, 7, sequence));
     consumer.expect("holding");
     let pid = Pid::from_raw(consumer.pid() as i32).unwrap();
     kill_process(pid, Signal::STOP).unwrap();
     // More wake-ups than its socket can hold.
     for sequence in 2..2000 {
-        assert_eq!(publish(&publisher, 7, sequence), 1);
+        assert_eq!(publish(&mut publisher, 7, sequence), 1);
     }
     kill_process(pid, Signal::CONT).unwrap();
     consumer.go_on();
@@ -154,20 +154,20 @@ fn a_driver_starts_where_another_was_killed_while_it_started() {
     half_made(register.as_ref(), 0o200);
     let mut subscriber = place.subscriber();
     assert!(subscriber.next().unwrap().is_none());
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     meet(&publisher, &mut subscriber);
-    publish(&publisher, 7, 0);
+    publish(&mut publisher, 7, 0);
     assert_pixels(&receive(&mut subscriber));
     assert!(!fs::exists(register).unwrap());
 }
 
 /// A driver that publishes three frames of one epoch, loses two more, and waits.
 fn publish_and_lose(settings: &Settings) {
-    let publisher = Publisher::create(settings, CAMERA, FRAME_BYTES, LOANS).unwrap();
+    let mut publisher = Publisher::create(settings, CAMERA, FRAME_BYTES, LOANS).unwrap();
     let epoch = publisher.begin_epoch();
     say("ready");
     told_to_go_on();
-    (0..3).for_each(|sequence| _ = publish(&publisher, epoch, sequence));
+    (0..3).for_each(|sequence| _ = publish(&mut publisher, epoch, sequence));
     publisher.count_lost(2);
     say("done");
     told_to_go_on();
@@ -185,20 +185,22 @@ fn a_consumer_that_slept_over_drivers_is_told_all_that_it_missed() {
         ends(driver);
     };
     {
-        let publisher = place.publisher();
+        let mut publisher = place.publisher();
         meet(&publisher, &mut sleeper);
-        publish(&publisher, publisher.begin_epoch(), 0);
+        let epoch = publisher.begin_epoch();
+        publish(&mut publisher, epoch, 0);
         publisher.count_lost(1);
     }
     // Stopped and killed ones; it never hears of any but the last.
     for ends in [Role::leave, Role::kill, Role::kill, Role::leave] {
         run(ends);
     }
-    let publisher = place.publisher();
-    publish(&publisher, publisher.begin_epoch(), 0);
+    let mut publisher = place.publisher();
+    let epoch = publisher.begin_epoch();
+    publish(&mut publisher, epoch, 0);
     assert_eq!(drain(&mut sleeper), [(0, 0), (0, 1 + 4 * 5)], "first what was sent first");
     let epoch = publisher.begin_epoch();
-    publish(&publisher, epoch, 0);
+    publish(&mut publisher, epoch, 0);
     assert_eq!(drain(&mut sleeper), [(0, 0)]);
     assert_eq!((sleeper.frames(), sleeper.lost(), sleeper.epochs()), (3, 21, 3));
 }
@@ -215,10 +217,11 @@ fn where_nothing_is_left_of_the_driver_before_all_of_the_new_count_is_told() {
     let place = Place::new();
     let mut subscriber = place.subscriber();
     for _ in 0..2 {
-        let publisher = place.publisher();
+        let mut publisher = place.publisher();
         meet(&publisher, &mut subscriber);
         publisher.count_lost(3);
-        publish(&publisher, publisher.begin_epoch(), 0);
+        let epoch = publisher.begin_epoch();
+        publish(&mut publisher, epoch, 0);
         drop(publisher);
         remove_page(&place);
     }
@@ -229,14 +232,16 @@ fn where_nothing_is_left_of_the_driver_before_all_of_the_new_count_is_told() {
 fn a_driver_whose_page_was_removed_in_flight_leaves_another_one() {
     let place = Place::new();
     let mut subscriber = place.subscriber();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     meet(&publisher, &mut subscriber);
-    publish(&publisher, publisher.begin_epoch(), 0);
+    let epoch = publisher.begin_epoch();
+    publish(&mut publisher, epoch, 0);
     remove_page(&place);
     publisher.count_lost(3);
     drop(publisher);
-    let publisher = place.publisher();
-    publish(&publisher, publisher.begin_epoch(), 0);
+    let mut publisher = place.publisher();
+    let epoch = publisher.begin_epoch();
+    publish(&mut publisher, epoch, 0);
     assert_eq!(drain(&mut subscriber), [(0, 0), (0, 3)]);
 }
 
@@ -244,13 +249,13 @@ fn a_driver_whose_page_was_removed_in_flight_leaves_another_one() {
 fn a_new_drivers_frames_come_after_the_rest_of_the_old_ones() {
     let place = Place::new();
     let mut subscriber = place.subscriber();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     meet(&publisher, &mut subscriber);
-    (0..4).for_each(|sequence| _ = publish(&publisher, 7, sequence));
+    (0..4).for_each(|sequence| _ = publish(&mut publisher, 7, sequence));
     let held: Vec<_> = (0..place.settings.borrowed).map(|_| receive(&mut subscriber)).collect();
     drop(publisher);
-    let publisher = place.publisher();
-    publish(&publisher, 8, 10);
+    let mut publisher = place.publisher();
+    publish(&mut publisher, 8, 10);
     assert!(matches!(subscriber.next(), Err(IpcError::TooManyHeld(_))));
     held.iter().for_each(assert_pixels);
     drop(held);
@@ -266,8 +271,8 @@ fn a_frame_of_a_killed_driver_stays_readable() {
     driver.go_on();
     let held = receive(&mut subscriber);
     driver.kill();
-    let publisher = place.publisher();
-    publish(&publisher, u64::MAX, 0);
+    let mut publisher = place.publisher();
+    publish(&mut publisher, u64::MAX, 0);
     assert!(receive(&mut subscriber).epoch_changed());
     drop(publisher);
     drop(subscriber);
@@ -279,10 +284,10 @@ fn a_driver_that_stops_and_starts_keeps_its_consumer() {
     let place = Place::new();
     let mut subscriber = place.subscriber();
     for epoch in 1..4 {
-        let publisher = place.publisher();
+        let mut publisher = place.publisher();
         meet(&publisher, &mut subscriber);
         for sequence in 0..3 {
-            publish(&publisher, epoch, sequence);
+            publish(&mut publisher, epoch, sequence);
         }
         let frame = receive(&mut subscriber);
         assert_eq!((frame.header().epoch, frame.header().sequence), (epoch, 0));
@@ -296,9 +301,9 @@ fn a_driver_that_stops_and_starts_keeps_its_consumer() {
 #[test]
 fn what_a_driver_sent_before_it_stopped_waits_for_a_slow_consumer() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
-    (0..2).for_each(|sequence| _ = publish(&publisher, 7, sequence));
+    (0..2).for_each(|sequence| _ = publish(&mut publisher, 7, sequence));
     drop(publisher);
     // Longer than a consumer keeps services that nobody is behind: the length of the silence is the point.
     std::thread::sleep(Duration::from_millis(1200));
@@ -312,16 +317,16 @@ fn a_consumer_may_come_first() {
     assert!(!subscriber.is_connected());
     assert!(!subscriber.wait(Duration::from_millis(50)).unwrap());
     assert!(subscriber.next().unwrap().is_none());
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     meet(&publisher, &mut subscriber);
-    publish(&publisher, 7, 0);
+    publish(&mut publisher, 7, 0);
     assert_pixels(&receive(&mut subscriber));
 }
 
 #[test]
 fn a_sleeping_consumer_is_woken() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
     let (received, told) = std::sync::mpsc::channel();
     std::thread::scope(|scope| {
@@ -329,7 +334,7 @@ fn a_sleeping_consumer_is_woken() {
             (0..20).for_each(|_| received.send(receive(&mut subscriber).header().sequence).unwrap())
         });
         for sequence in 0..20 {
-            publish(&publisher, 7, sequence);
+            publish(&mut publisher, 7, sequence);
             assert_eq!(told.recv(), Ok(sequence));
         }
     });
@@ -338,7 +343,7 @@ fn a_sleeping_consumer_is_woken() {
 #[test]
 fn a_consumer_that_the_driver_cannot_connect_to_comes_again() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
     // The connection is made by the consumer and as yet unknown to the driver. Here it is as if its maker had not finished it.
     let connections: Vec<_> =
@@ -348,24 +353,24 @@ fn a_consumer_that_the_driver_cannot_connect_to_comes_again() {
     fs::set_permissions(format!("/dev/shm/{connection}"), unfinished).unwrap();
     let mut sequence = 0;
     wait_until("a frame", || {
-        publish(&publisher, 7, sequence);
+        publish(&mut publisher, 7, sequence);
         sequence += 1;
         subscriber.next().unwrap().is_some()
     });
     let frames = drain(&mut subscriber).len() as u64;
-    (0..3).for_each(|more| _ = publish(&publisher, 7, sequence + more));
+    (0..3).for_each(|more| _ = publish(&mut publisher, 7, sequence + more));
     assert_eq!((drain(&mut subscriber).len(), subscriber.epochs()), (3, 1), "after {frames}");
 }
 
 #[test]
 fn a_second_driver_of_one_camera_is_refused() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let error = Publisher::create(&place.settings, CAMERA, FRAME_BYTES, LOANS).unwrap_err();
     assert!(matches!(&error, IpcError::AlreadyPublishing(camera) if camera == CAMERA), "{error:?}");
     Publisher::create(&place.settings, "right", FRAME_BYTES, LOANS).unwrap();
     let mut subscriber = place.subscriber();
-    publish(&publisher, 7, 0);
+    publish(&mut publisher, 7, 0);
     assert_pixels(&receive(&mut subscriber));
 }
 
@@ -381,9 +386,9 @@ fn consumers_beyond_the_agreed_number_are_refused() {
 #[test]
 fn services_of_other_settings_are_refused_while_a_consumer_holds_on() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
-    publish(&publisher, 7, 0);
+    publish(&mut publisher, 7, 0);
     let held = receive(&mut subscriber);
     drop(publisher);
     let larger = Settings { buffer: 8, ..place.settings.clone() };
@@ -396,17 +401,17 @@ fn services_of_other_settings_are_refused_while_a_consumer_holds_on() {
 #[test]
 fn a_consumer_without_a_driver_makes_room_for_other_settings() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
-    publish(&publisher, 1, 0);
+    publish(&mut publisher, 1, 0);
     receive(&mut subscriber);
     drop(publisher);
     let larger = Settings { buffer: 8, ..place.settings.clone() };
     std::thread::scope(|scope| {
         let consumer = scope.spawn(|| receive(&mut subscriber));
-        let publisher = Publisher::create(&larger, CAMERA, FRAME_BYTES, LOANS).unwrap();
+        let mut publisher = Publisher::create(&larger, CAMERA, FRAME_BYTES, LOANS).unwrap();
         wait_until("the consumer", || publisher.subscribers() == 1);
-        publish(&publisher, 2, 0);
+        publish(&mut publisher, 2, 0);
         assert!(consumer.join().unwrap().epoch_changed());
     });
 }
@@ -414,18 +419,18 @@ fn a_consumer_without_a_driver_makes_room_for_other_settings() {
 #[test]
 fn a_consumer_finds_services_that_were_made_anew_behind_its_back() {
     let place = Place::new();
-    let orphaned = place.publisher();
+    let mut orphaned = place.publisher();
     let mut subscriber = place.subscriber();
-    publish(&orphaned, 1, 0);
+    publish(&mut orphaned, 1, 0);
     receive(&mut subscriber);
     // What a cleaner of temporary files does.
     fs::remove_dir_all(&place.settings.root_path).unwrap();
     for (name, _) in place.shared_memory() {
         fs::remove_file(format!("/dev/shm/{name}")).unwrap();
     }
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     meet(&publisher, &mut subscriber);
-    publish(&publisher, 2, 0);
+    publish(&mut publisher, 2, 0);
     assert!(receive(&mut subscriber).epoch_changed());
 }
 

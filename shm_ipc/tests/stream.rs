@@ -13,11 +13,11 @@ use uvcam_shm_ipc::{FrameHeader, LoanError, Publisher, Settings, monotonic_ns};
 #[test]
 fn every_frame_arrives_in_order_and_untouched() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
     let mut last_sent_ns = monotonic_ns();
     for sequence in 0..200 {
-        assert_eq!(publish(&publisher, 7, sequence), 1, "consumers reached");
+        assert_eq!(publish(&mut publisher, 7, sequence), 1, "consumers reached");
         let frame = receive(&mut subscriber);
         let sent_ns = frame.header().send_monotonic_ns;
         assert!((last_sent_ns..=monotonic_ns()).contains(&sent_ns));
@@ -37,15 +37,15 @@ fn every_frame_arrives_in_order_and_untouched() {
 #[test]
 fn what_overflowed_and_what_was_never_published_is_counted_exactly() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
-    publish_after_loss(&publisher, 7, 0, 5);
+    publish_after_loss(&mut publisher, 7, 0, 5);
     assert_eq!(drain(&mut subscriber), [(0, 0)], "before the first frame, the consumer was not there");
-    publish_after_loss(&publisher, 7, 1, 3);
+    publish_after_loss(&mut publisher, 7, 1, 3);
     assert_eq!(drain(&mut subscriber), [(1, 3)]);
     // Of 9 frames, 4 stay in the buffer; with the 5 that give way goes the word of 2 more.
     (2..11).for_each(|sequence| {
-        publish_after_loss(&publisher, 7, sequence, if sequence == 4 { 2 } else { 0 });
+        publish_after_loss(&mut publisher, 7, sequence, if sequence == 4 { 2 } else { 0 });
     });
     assert_eq!(drain(&mut subscriber), [(7, 7), (8, 0), (9, 0), (10, 0)]);
     assert_eq!((subscriber.frames(), subscriber.lost()), (6, 10));
@@ -54,14 +54,14 @@ fn what_overflowed_and_what_was_never_published_is_counted_exactly() {
 #[test]
 fn latest_passes_over_older_frames_without_calling_them_lost() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
-    (0..3).for_each(|sequence| _ = publish(&publisher, 7, sequence));
+    (0..3).for_each(|sequence| _ = publish(&mut publisher, 7, sequence));
     let frame = subscriber.latest().unwrap().unwrap();
     assert_eq!((frame.header().sequence, frame.lost_before()), (2, 0));
     assert_pixels(&frame);
-    publish_after_loss(&publisher, 7, 3, 4);
-    publish(&publisher, 7, 4);
+    publish_after_loss(&mut publisher, 7, 3, 4);
+    publish(&mut publisher, 7, 4);
     let frame = subscriber.latest().unwrap().unwrap();
     assert_eq!(
         (frame.header().sequence, frame.lost_before()),
@@ -75,11 +75,11 @@ fn latest_passes_over_older_frames_without_calling_them_lost() {
 #[test]
 fn latest_works_with_all_but_one_frame_held() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
-    publish(&publisher, 7, 0);
+    publish(&mut publisher, 7, 0);
     let held = receive(&mut subscriber);
-    (1..4).for_each(|sequence| _ = publish(&publisher, 7, sequence));
+    (1..4).for_each(|sequence| _ = publish(&mut publisher, 7, sequence));
     assert_eq!(subscriber.latest().unwrap().unwrap().header().sequence, 3);
     assert_pixels(&held);
 }
@@ -87,7 +87,7 @@ fn latest_works_with_all_but_one_frame_held() {
 #[test]
 fn consumers_that_do_not_move_cost_the_driver_nothing() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscribers: Vec<_> = (0..2).map(|_| place.subscriber()).collect();
     // Each holds all that it may, has a full buffer, and was asleep once, so that the driver notifies it.
     let mut held = Vec::new();
@@ -95,7 +95,7 @@ fn consumers_that_do_not_move_cost_the_driver_nothing() {
         assert!(!subscriber.wait(Duration::from_millis(1)).unwrap());
     }
     for sequence in 0..2 {
-        publish(&publisher, 7, sequence);
+        publish(&mut publisher, 7, sequence);
         held.extend(subscribers.iter_mut().map(receive));
     }
     for sequence in 2..2000 {
@@ -111,9 +111,9 @@ fn consumers_that_do_not_move_cost_the_driver_nothing() {
 #[test]
 fn a_consumer_may_hold_as_many_frames_as_agreed() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
-    (0..3).for_each(|sequence| _ = publish(&publisher, 7, sequence));
+    (0..3).for_each(|sequence| _ = publish(&mut publisher, 7, sequence));
     let first = receive(&mut subscriber);
     let second = receive(&mut subscriber);
     let error = subscriber.next().unwrap_err();
@@ -127,7 +127,7 @@ fn a_consumer_may_hold_as_many_frames_as_agreed() {
 #[test]
 fn slots_keep_their_addresses_and_go_out_in_any_order() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
     let mut addresses = BTreeSet::new();
     for round in 0..100 {
@@ -172,7 +172,7 @@ fn behind(address: usize) -> (String, usize) {
 #[test]
 fn a_consumer_reads_the_very_memory_that_the_driver_wrote() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
     for sequence in 0..20 {
         let slot = publisher.loan().unwrap();
@@ -187,7 +187,7 @@ fn a_consumer_reads_the_very_memory_that_the_driver_wrote() {
 #[test]
 fn pixels_end_with_the_last_pixel() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
     let narrow = FrameHeader { width: WIDTH - 10, ..header(7, 0) };
     publisher.publish(publisher.loan().unwrap(), &narrow).unwrap();
@@ -197,7 +197,7 @@ fn pixels_end_with_the_last_pixel() {
 #[test]
 fn a_header_that_does_not_describe_its_frame_is_not_published() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
     let larger = FrameHeader { height: HEIGHT + 1, ..header(7, 0) };
     let error = publisher.publish(publisher.loan().unwrap(), &larger).unwrap_err();
@@ -261,11 +261,11 @@ fn the_longest_root_path_and_camera_name_work() {
     let rest = "x".repeat(60 - place.settings.prefix.len() - begin.len());
     place.settings.root_path = format!("{begin}{rest}").into();
     let camera = "c".repeat(64);
-    let publisher = Publisher::create(&place.settings, &camera, FRAME_BYTES, LOANS).unwrap();
+    let mut publisher = Publisher::create(&place.settings, &camera, FRAME_BYTES, LOANS).unwrap();
     let mut subscriber = place.subscriber_of(&camera).unwrap();
     // To sleep takes a socket, of all files the one with the shortest limit.
     assert!(!subscriber.wait(Duration::from_millis(1)).unwrap());
-    publish(&publisher, 7, 0);
+    publish(&mut publisher, 7, 0);
     assert_pixels(&receive(&mut subscriber));
 }
 

@@ -48,7 +48,7 @@ fn subscriber(place: &Place, wakeup: Wakeup) -> Subscriber {
 }
 
 /// Sends a frame whose header tells this period.
-fn publish_at_period(publisher: &Publisher, sequence: u64, frame_period_ns: u64) {
+fn publish_at_period(publisher: &mut Publisher, sequence: u64, frame_period_ns: u64) {
     let slot = publisher.loan().unwrap();
     publisher.publish(slot, &FrameHeader { frame_period_ns, ..header(7, sequence) }).unwrap();
 }
@@ -63,7 +63,7 @@ fn cpu_time() -> Duration {
 fn six_sleepers_get_every_frame() {
     for wakeup in ALL {
         let place = place_for_six();
-        let publisher = place.publisher();
+        let mut publisher = place.publisher();
         let (received, told) = channel();
         std::thread::scope(|scope| {
             for consumer in 0..6 {
@@ -77,7 +77,7 @@ fn six_sleepers_get_every_frame() {
             // One that meets a file which another is just making looks again a little later.
             wait_until("all consumers", || publisher.subscribers() == 6);
             for sequence in 0..100 {
-                publish_at_period(&publisher, sequence, 2_000_000);
+                publish_at_period(&mut publisher, sequence, 2_000_000);
                 let mut who: Vec<_> = (0..6).map(|_| told.recv_timeout(PATIENCE).unwrap()).collect();
                 who.sort();
                 assert!(who.into_iter().eq((0..6).map(|consumer| (sequence, consumer))), "{wakeup:?}");
@@ -121,10 +121,10 @@ fn a_driver_that_stops_cleanly_wakes_sleepers_of_its_old_page_when_it_is_back() 
             (0..4).for_each(|_| received.send(receive(&mut subscriber).header().sequence).unwrap());
         });
         for _ in 0..2 {
-            let publisher = place.publisher();
+            let mut publisher = place.publisher();
             wait_until("the consumer", || publisher.subscribers() == 1);
             for sequence in 0..2 {
-                publish(&publisher, uvcam_shm_ipc::realtime_ns(), sequence);
+                publish(&mut publisher, uvcam_shm_ipc::realtime_ns(), sequence);
                 assert_eq!(told.recv_timeout(PATIENCE), Ok(sequence));
             }
         }
@@ -134,10 +134,10 @@ fn a_driver_that_stops_cleanly_wakes_sleepers_of_its_old_page_when_it_is_back() 
 #[test]
 fn a_sleeper_that_is_killed_takes_no_wake_up_from_the_others() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let sleeper = Role::start("sleeper", &place.settings);
     wait_until("the sleeper", || publisher.subscribers() == 1);
-    publish(&publisher, 7, 0);
+    publish(&mut publisher, 7, 0);
     sleeper.expect("asleep");
     sleeper.kill();
     let mut subscriber = subscriber(&place, Wakeup::Futex);
@@ -147,7 +147,7 @@ fn a_sleeper_that_is_killed_takes_no_wake_up_from_the_others() {
             (0..20).for_each(|_| received.send(receive(&mut subscriber).header().sequence).unwrap());
         });
         for sequence in 1..21 {
-            publish(&publisher, 7, sequence);
+            publish(&mut publisher, 7, sequence);
             assert_eq!(told.recv_timeout(PATIENCE), Ok(sequence));
         }
     });
@@ -157,7 +157,7 @@ fn a_sleeper_that_is_killed_takes_no_wake_up_from_the_others() {
 fn a_rate_that_changes_loses_no_frame() {
     for wakeup in ALL {
         let place = Place::new();
-        let publisher = place.publisher();
+        let mut publisher = place.publisher();
         let mut subscriber = subscriber(&place, wakeup);
         let (received, told) = channel();
         std::thread::scope(|scope| {
@@ -171,7 +171,7 @@ fn a_rate_that_changes_loses_no_frame() {
                 let told_ns = if sequence < 50 { 5_000_000 } else { 12_000_000 };
                 due_ns += period_ns;
                 std::thread::sleep(Duration::from_nanos(due_ns.saturating_sub(monotonic_ns())));
-                publish_at_period(&publisher, sequence, told_ns);
+                publish_at_period(&mut publisher, sequence, told_ns);
                 assert_eq!(told.recv_timeout(PATIENCE), Ok(sequence), "{wakeup:?}");
             }
         });
@@ -182,7 +182,7 @@ fn a_rate_that_changes_loses_no_frame() {
 fn who_holds_as_many_frames_as_it_may_is_told_so_and_loses_none() {
     for wakeup in ALL {
         let place = Place::new();
-        let publisher = place.publisher();
+        let mut publisher = place.publisher();
         let mut subscriber = subscriber(&place, wakeup);
         let (received, told) = channel();
         std::thread::scope(|scope| {
@@ -204,7 +204,7 @@ fn who_holds_as_many_frames_as_it_may_is_told_so_and_loses_none() {
             for sequence in 0..21 {
                 due_ns += 5_000_000;
                 std::thread::sleep(Duration::from_nanos(due_ns.saturating_sub(monotonic_ns())));
-                publish_at_period(&publisher, sequence, 5_000_000);
+                publish_at_period(&mut publisher, sequence, 5_000_000);
                 told.recv_timeout(PATIENCE).unwrap();
             }
         });
@@ -215,10 +215,10 @@ fn who_holds_as_many_frames_as_it_may_is_told_so_and_loses_none() {
 fn frames_that_stop_leave_sleepers_asleep() {
     for wakeup in ALL {
         let place = Place::new();
-        let publisher = place.publisher();
+        let mut publisher = place.publisher();
         let mut subscriber = subscriber(&place, wakeup);
         for sequence in 0..20 {
-            publish_at_period(&publisher, sequence, 5_000_000);
+            publish_at_period(&mut publisher, sequence, 5_000_000);
             receive(&mut subscriber);
         }
         let before = cpu_time();
@@ -226,7 +226,7 @@ fn frames_that_stop_leave_sleepers_asleep() {
         // Processor time, not time: 2 % of what passed; to watch all the while would take all of it.
         let used = cpu_time() - before;
         assert!(used < Duration::from_millis(40), "{wakeup:?}: {used:?} of 2 s");
-        publish_at_period(&publisher, 20, 5_000_000);
+        publish_at_period(&mut publisher, 20, 5_000_000);
         assert_eq!(receive(&mut subscriber).header().sequence, 20);
     }
 }
@@ -234,7 +234,7 @@ fn frames_that_stop_leave_sleepers_asleep() {
 #[test]
 fn a_wait_set_is_woken_by_the_event_of_the_camera() {
     let place = Place::new();
-    let publisher = place.publisher();
+    let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
     let mut config = Config::default();
     config.global.prefix = FileName::new(place.settings.prefix.as_bytes()).unwrap();
@@ -247,7 +247,7 @@ fn a_wait_set_is_woken_by_the_event_of_the_camera() {
     let guard = wait_set.attach_notification(&listener).unwrap();
     let mine = WaitSetAttachmentId::from_guard(&guard);
     for sequence in 0..20 {
-        publish(&publisher, 7, sequence);
+        publish(&mut publisher, 7, sequence);
         let mut frames = Vec::new();
         wait_set
             .wait_and_process_once_with_timeout(

@@ -124,7 +124,7 @@ fn with_uvcam(row: &mut Row) {
     let memory = SharedMemory::new();
     let mut camera = open_aravis(ADDRESS).unwrap();
     let applied = camera.configure(&settings).unwrap();
-    let publisher = memory.publisher("bench", applied.payload_bytes, SLOTS);
+    let mut publisher = memory.publisher("bench", applied.payload_bytes, SLOTS);
     (0..SLOTS).for_each(|_| camera.queue(publisher.loan().unwrap()).unwrap());
     camera.start().unwrap();
     let mut header = FrameHeader::new(WIDTH, HEIGHT, WIDTH, PixelFormat::Mono8);

@@ -7,7 +7,7 @@ use serde_json::Value;
 use uvcam::camera::simulated::airframe;
 use uvcam_emulated::gige_vision;
 use uvcam_masker::{Mask, file};
-use uvcam_shm_ipc::control::{Answer, ControlClient, LONGEST_TEXT};
+use uvcam_shm_ipc::control::{ControlClient, LONGEST_TEXT, NextReply};
 use uvcam_shm_ipc::health::State;
 use uvcam_tests::network::in_namespace;
 use uvcam_tests::{Process, Stage, health_where, next_frame, simulated, stderr, wait_until};
@@ -238,8 +238,8 @@ fn a_mask_that_is_being_generated_is_waited_for_and_a_signal_ends_the_command_th
 /// What the driver of `left` answers to this question, and its exit code for it.
 fn answer(stage: &Stage, question: &str) -> (u64, String) {
     let client = ControlClient::open(&stage.settings(), "left").unwrap().unwrap();
-    let answers = client.ask(question).unwrap();
-    let Answer::Text(text) = answers.next(std::time::Duration::from_secs(20)) else { panic!("no answer") };
+    let replies = client.request(question).unwrap();
+    let NextReply::Text(text) = replies.next(std::time::Duration::from_secs(20)) else { panic!("no answer") };
     let answer: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(answer["answer"], "failed", "{answer}");
     (answer["exit"].as_u64().unwrap(), answer["cause"].as_str().unwrap().into())
@@ -263,11 +263,11 @@ fn questions_that_no_command_asks_are_answered_with_what_is_wrong() {
         (wish("\"frames\":8,\"gain_db\":1e9"), "gain_db = 1000000000 refused"),
         (wish("\"frames\":0"), "frames = 0 refused: ask for 1 to 255"),
         (wish("\"frames\":4294967295"), "frames = 4294967295 refused"),
-        (wish("\"frames\":8,\"exposure_us\":NaN"), "does not know the question"),
-        (wish("\"frames\":8,\"exposure_us\":1e999"), "does not know the question"),
-        ("fly".into(), "does not know the question"),
-        (String::new(), "does not know the question"),
-        ("[".repeat(LONGEST_TEXT), "does not know the question"),
+        (wish("\"frames\":8,\"exposure_us\":NaN"), "does not know the request"),
+        (wish("\"frames\":8,\"exposure_us\":1e999"), "does not know the request"),
+        ("fly".into(), "does not know the request"),
+        (String::new(), "does not know the request"),
+        ("[".repeat(LONGEST_TEXT), "does not know the request"),
     ] {
         let (exit, cause) = answer(&stage, &question);
         assert!(exit == 2 && cause.contains(expected), "{exit}: {cause}");

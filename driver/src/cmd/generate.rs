@@ -9,11 +9,11 @@ use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
 use uvcam_masker::file::{FileError, FrameError, read_frame};
-use uvcam_shm_ipc::control::{Answer, ControlClient};
+use uvcam_shm_ipc::control::{ControlClient, NextReply};
 
 use crate::args;
 use crate::config::{self, CameraConfig, Config};
-use crate::control::{Ask, Reply};
+use crate::control::{Reply, Request};
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
 use crate::generate::{Light, Order, light};
@@ -108,14 +108,14 @@ fn ask_driver(
     stop: &AtomicBool,
 ) -> Result<Report, Error> {
     tracing::info!("{}: asking the running driver", camera.name);
-    let ask = Ask::Generate { wish: arguments.wish.clone(), accept: arguments.accept };
+    let request = Request::Generate { wish: arguments.wish.clone(), accept: arguments.accept };
     // A value of plain numbers and texts always has a JSON form.
-    let answers = driver.ask(&serde_json::to_string(&ask).unwrap_or_default())?;
+    let replies = driver.request(&serde_json::to_string(&request).unwrap_or_default())?;
     let mut heard = Instant::now();
     let bar = report::Bar::new(&camera.name);
     while !stop.load(Ordering::Relaxed) {
-        match answers.next(GLANCE) {
-            Answer::Text(text) => match serde_json::from_str(&text) {
+        match replies.next(GLANCE) {
+            NextReply::Text(text) => match serde_json::from_str(&text) {
                 Ok(Reply::Collecting { progress }) => {
                     heard = Instant::now();
                     bar.show(progress);
@@ -127,8 +127,8 @@ fn ask_driver(
                     return Err(Error::Driver { exit: Exit::Usage as u8, cause });
                 }
             },
-            Answer::Timeout if heard.elapsed() < PATIENCE => {}
-            Answer::Timeout | Answer::Over => {
+            NextReply::Timeout if heard.elapsed() < PATIENCE => {}
+            NextReply::Timeout | NextReply::Over => {
                 let cause =
                     "it ended before it answered; the mask in force is unchanged unless it says otherwise"
                         .into();

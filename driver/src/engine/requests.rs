@@ -1,6 +1,6 @@
 //! What the running driver does for others: it reads masks anew, and generates them.
 //!
-//! Answers are given by the main thread, where questions are. In between are the camera's thread, which collects lit frames, and the
+//! Answers are given by the main thread, where requests are. In between are the camera's thread, which collects lit frames, and the
 //! camera's [`Worker`](super::worker::Worker), which reads, computes and stores.
 
 use std::collections::VecDeque;
@@ -9,12 +9,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
-use uvcam_shm_ipc::control::Question;
+use uvcam_shm_ipc::control::ActiveRequest;
 
 use super::Event;
 use super::running::Running;
 use crate::config::Config;
-use crate::control::{Ask, Desk, Reply};
+use crate::control::{ControlServers, Reply, Request};
 use crate::error::{Error, with_causes};
 use crate::frame_path::Command;
 use crate::generate::{Light, Order, light};
@@ -40,16 +40,16 @@ pub(super) struct Made {
 
 /// What is being worked on.
 pub(super) struct Requests {
-    desk: Desk,
+    servers: ControlServers,
     /// The mask that is being generated for each camera.
     works: Vec<Option<Work>>,
     /// Who asked that a mask be read, one for each job of the camera's worker, in their order; nobody for a signal.
-    reads: Vec<VecDeque<Option<Question>>>,
+    reads: Vec<VecDeque<Option<ActiveRequest>>>,
     events: Sender<Event>,
 }
 
 struct Work {
-    question: Question,
+    request: ActiveRequest,
     accept: bool,
     cancelled: Arc<AtomicBool>,
     progress: Option<Progress>,
@@ -61,30 +61,30 @@ impl Requests {
     pub(super) fn open(config: &Config, events: Sender<Event>) -> Result<Self, Error> {
         let works = config.cameras.iter().map(|_| None).collect();
         let reads = config.cameras.iter().map(|_| VecDeque::new()).collect();
-        Ok(Requests { desk: Desk::open(config)?, works, reads, events })
+        Ok(Requests { servers: ControlServers::open(config)?, works, reads, events })
     }
 
     /// Makes anew what clients no longer find, where nobody waits for an answer.
     pub(super) fn keep_findable(&mut self, config: &Config) {
         for (place, (work, reads)) in self.works.iter().zip(&self.reads).enumerate() {
             if work.is_none() && reads.is_empty() {
-                self.desk.keep_open(config, place);
+                self.servers.keep_open(config, place);
             }
         }
     }
 
-    /// Takes new questions, and gives up work that nobody waits for any more.
+    /// Takes new requests, and gives up work that nobody waits for any more.
     pub(super) fn attend(&mut self, cameras: &[Running]) {
-        for (place, question, ask) in self.desk.questions() {
+        for (place, request, wanted) in self.servers.requests() {
             let Some(camera) = cameras.get(place) else { continue };
-            match ask {
-                Ask::ReloadMask => self.read(place, camera, Some(question)),
-                Ask::Generate { wish, accept } => self.order(place, camera, question, wish, accept),
+            match wanted {
+                Request::ReloadMask => self.read(place, camera, Some(request)),
+                Request::Generate { wish, accept } => self.order(place, camera, request, wish, accept),
             }
         }
         let now = Instant::now();
         for work in self.works.iter_mut().flatten() {
-            if !work.question.is_awaited() {
+            if !work.request.is_awaited() {
                 // Relaxed: the flag carries no data.
                 work.cancelled.store(true, Ordering::Relaxed);
             }
@@ -107,7 +107,7 @@ impl Requests {
         }
     }
 
-    fn read(&mut self, place: usize, camera: &Running, asked: Option<Question>) {
+    fn read(&mut self, place: usize, camera: &Running, asked: Option<ActiveRequest>) {
         let Some(reads) = self.reads.get_mut(place) else { return };
         let (config, events) = (camera.config.clone(), self.events.clone());
         let ordered = camera.worker.order(
@@ -127,20 +127,20 @@ impl Requests {
         let asked = self.reads.get_mut(place).and_then(VecDeque::pop_front).flatten();
         let Some(camera) = cameras.get(place) else { return };
         match (outcome.and_then(|mask| camera.fly(mask)), asked) {
-            (Ok(()), Some(question)) => Reply::Done.send(&question),
+            (Ok(()), Some(request)) => Reply::Done.send(&request),
             (Ok(()), None) => {}
             (Err(error), asked) => refuse_mask(camera, asked, &error),
         }
     }
 
-    fn order(&mut self, place: usize, camera: &Running, question: Question, wish: Wish, accept: bool) {
+    fn order(&mut self, place: usize, camera: &Running, request: ActiveRequest, wish: Wish, accept: bool) {
         let cancelled = Arc::new(AtomicBool::new(false));
         let ordered = self.try_order(place, camera, wish, &cancelled);
         match (ordered, self.works.get_mut(place)) {
             (Ok(()), Some(work)) => {
-                *work = Some(Work { question, accept, cancelled, progress: None, next_word: None });
+                *work = Some(Work { request, accept, cancelled, progress: None, next_word: None });
             }
-            (Err(error), _) => Reply::failed(&error).send(&question),
+            (Err(error), _) => Reply::failed(&error).send(&request),
             (Ok(()), None) => {}
         }
     }
@@ -196,7 +196,7 @@ impl Requests {
         if let Some(work) = work {
             work.cancelled.store(true, Ordering::Relaxed);
             let cause = "see the driver's log; nothing was stored".into();
-            Reply::failed(&Error::Panicked { part: "the camera's thread", cause }).send(&work.question);
+            Reply::failed(&Error::Panicked { part: "the camera's thread", cause }).send(&work.request);
         }
     }
 
@@ -232,8 +232,8 @@ impl Requests {
         match ordered {
             Ok(()) => work.next_word = Some(Instant::now() + WORD),
             Err(error) => {
-                let question = slot.take().map(|work| work.question);
-                question.iter().for_each(|question| Reply::failed(&error).send(question));
+                let request = slot.take().map(|work| work.request);
+                request.iter().for_each(|request| Reply::failed(&error).send(request));
             }
         }
     }
@@ -251,21 +251,21 @@ impl Requests {
             mask.map_or(Ok(()), |mask| camera.fly(mask))?;
             Ok(Reply::Generated { report: Box::new(report) })
         });
-        reply.unwrap_or_else(|error| Reply::failed(&error)).send(&work.question);
+        reply.unwrap_or_else(|error| Reply::failed(&error)).send(&work.request);
     }
 }
 
 impl Work {
     fn tell(&self) {
         if let Some(progress) = self.progress {
-            Reply::Collecting { progress }.send(&self.question);
+            Reply::Collecting { progress }.send(&self.request);
         }
     }
 }
 
-fn refuse_mask(camera: &Running, asked: Option<Question>, error: &Error) {
+fn refuse_mask(camera: &Running, asked: Option<ActiveRequest>, error: &Error) {
     match asked {
-        Some(question) => Reply::failed(error).send(&question),
+        Some(request) => Reply::failed(error).send(&request),
         None => {
             tracing::error!("{}: {}; what was in force stays", camera.config.name, with_causes(error));
         }

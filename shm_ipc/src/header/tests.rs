@@ -60,6 +60,10 @@ fn mask_and_flag_go_together() {
     assert!(header.flags.contains(Flags::MASKED | Flags::SIMULATED));
     assert_eq!(header.mask_id, [7; 16]);
     assert_eq!(format!("{:?}", header.flags), "0x3 [MASKED | SIMULATED]");
+    // A bit that this version does not know, as a later one may write it.
+    let unknown = header.flags | Flags::from_bits_retain(1 << 31);
+    assert_eq!(format!("{unknown:?}"), "0x80000003 [MASKED | SIMULATED | 0x80000000]");
+    assert_eq!(format!("{:?}", Flags::NONE), "0x0 []");
     header.set_mask(None);
     assert_eq!(header.flags, Flags::SIMULATED);
     assert_eq!(header.mask_id, [0; 16]);

@@ -1,31 +1,28 @@
 //! The service that carries a camera's health.
 
-use std::fmt;
 use std::time::{Duration, Instant};
 
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
-use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
-use iceoryx2::service::builder::publish_subscribe::{Builder, PublishSubscribeOpenError as OpenError};
+use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe;
 
 use super::Health;
-use crate::cleanup::cleanup;
 use crate::error::IpcError;
-use crate::footing::{Footing, Held};
+use crate::footing::Footing;
 use crate::header::CONTRACT_VERSION;
 use crate::premises;
-use crate::service::{Address, Ipc};
+use crate::quirks::Ipc;
+use crate::service::{Plan, Served, Visited, patiently};
 use crate::settings::Settings;
 
 type Service = publish_subscribe::PortFactory<Ipc, Health, ()>;
 
 /// Readers at the same time.
 const READERS: usize = 16;
-/// How long [`HealthPublisher::create`] waits for a predecessor to go.
-const PATIENCE: Duration = Duration::from_secs(3);
 /// Time between looks for a change.
 const NAP: Duration = Duration::from_millis(10);
 
@@ -35,40 +32,25 @@ pub fn health_service_name(camera: &str) -> String {
 }
 
 /// The driver's end.
-pub struct HealthPublisher {
-    publisher: Publisher<Ipc, Health, ()>,
-    // A service and its node live as long as their ports.
-    service: Service,
-    _node: Node<Ipc>,
-    address: Address,
-    footing: Footing,
-}
+#[derive(Debug)]
+pub struct HealthPublisher(Served<Publisher<Ipc, Health, ()>, Service>);
 
 /// The end of whoever wants to know.
+#[derive(Debug)]
 pub struct HealthReader {
-    subscriber: Subscriber<Ipc, Health, ()>,
-    _service: Held<Service>,
-    _node: Node<Ipc>,
-    address: Address,
+    end: Visited<Subscriber<Ipc, Health, ()>, Service>,
     rejected: u64,
 }
 
 impl HealthPublisher {
-    /// Makes the service of `camera`. To be called by the process that publishes its frames.
+    /// Makes the service of `camera`. To be called by the process that publishes its frames. A predecessor that is just stopping gets 3 s
+    /// to go.
     ///
     /// # Errors
     /// [`IpcError::AlreadyPublishing`] where another driver tells of this camera, and those of
     /// [`Publisher::create`](crate::Publisher::create).
     pub fn create(settings: &Settings, camera: &str) -> Result<HealthPublisher, IpcError> {
-        let give_up = Instant::now() + PATIENCE;
-        loop {
-            match HealthPublisher::create_at_once(settings, camera) {
-                Err(IpcError::AlreadyPublishing(_) | IpcError::System { .. }) if Instant::now() < give_up => {
-                    std::thread::sleep(NAP);
-                }
-                outcome => return outcome,
-            }
-        }
+        patiently(|| HealthPublisher::create_at_once(settings, camera))
     }
 
     /// The same, without waiting for a predecessor.
@@ -76,46 +58,41 @@ impl HealthPublisher {
     /// # Errors
     /// As [`HealthPublisher::create`].
     pub fn create_at_once(settings: &Settings, camera: &str) -> Result<HealthPublisher, IpcError> {
-        let (address, name) = address(settings, camera)?;
-        // A predecessor that was killed gives its place to this one.
-        cleanup(&address.config);
-        let node = address.node_with_room_for(premises::FILES + READERS as u64, premises::MAPPED_BYTES)?;
-        address.clear_description(&name, MessagingPattern::PublishSubscribe);
-        let service = builder(&node, &name)
-            .max_publishers(1)
-            .max_subscribers(READERS)
-            .max_nodes(2 * READERS)
-            .history_size(1)
-            .subscriber_max_buffer_size(1)
-            .subscriber_max_borrowed_samples(1)
-            .enable_safe_overflow(true)
-            .open_or_create()
-            .map_err(|source| address.failed("creating service", name.as_str(), source))?;
-        let publisher = service
-            .publisher_builder()
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(|source| match source {
+        let plan = Plan {
+            name: health_service_name(camera),
+            pattern: MessagingPattern::PublishSubscribe,
+            files: premises::FILES + READERS as u64,
+            mapped_bytes: premises::MAPPED_BYTES,
+        };
+        let served = Served::create(settings, camera, plan, |address, node, name| {
+            let created = builder(node, name)
+                .max_publishers(1)
+                .max_subscribers(READERS)
+                .max_nodes(2 * READERS)
+                .history_size(1)
+                .subscriber_max_buffer_size(1)
+                .subscriber_max_borrowed_samples(1)
+                .enable_safe_overflow(true)
+                .open_or_create();
+            let service = address.created(name, created)?;
+            let publisher =
+                service.publisher_builder().backpressure_strategy(BackpressureStrategy::DiscardData);
+            let publisher = publisher.create().map_err(|source| match source {
                 PublisherCreateError::ExceedsMaxSupportedPublishers => {
                     IpcError::AlreadyPublishing(camera.to_owned())
                 }
                 _ => address.failed("creating the publisher of", name.as_str(), source),
             })?;
-        let marks = [
-            service.unique_service_id().value().to_string(),
-            service.service_hash().to_string(),
-            publisher.id().value().to_string(),
-            node.id().value().to_string(),
-        ];
-        let footing = address.footing(&marks);
-        address.take_small_files()?;
-        Ok(HealthPublisher { publisher, service, _node: node, address, footing })
+            let number = publisher.id().value();
+            Ok((service, publisher, number))
+        })?;
+        Ok(HealthPublisher(served))
     }
 
     /// The files that readers find this publisher by. Where one is no longer in place, this publisher is to be dropped, and another one
     /// made.
     pub fn footing(&self) -> &Footing {
-        &self.footing
+        &self.0.footing
     }
 
     /// Puts a record in the place of the one before. Never waits.
@@ -123,15 +100,14 @@ impl HealthPublisher {
     /// # Errors
     /// [`IpcError::System`] where iceoryx2 fails.
     pub fn publish(&self, health: &Health) -> Result<(), IpcError> {
-        let name = self.service.name();
-        let record = self
-            .publisher
-            .loan_uninit()
-            .map_err(|source| self.address.failed("taking a slot of", name.as_str(), source))?;
+        let Served { port, service, address, .. } = &self.0;
+        let name = service.name();
+        let record =
+            port.loan_uninit().map_err(|source| address.failed("taking a slot of", name.as_str(), source))?;
         record
             .write_payload(*health)
             .send()
-            .map_err(|source| self.address.failed("sending through", name.as_str(), source))?;
+            .map_err(|source| address.failed("sending through", name.as_str(), source))?;
         Ok(())
     }
 
@@ -140,10 +116,9 @@ impl HealthPublisher {
     /// # Errors
     /// [`IpcError::System`] where iceoryx2 fails.
     pub fn serve_newcomers(&self) -> Result<(), IpcError> {
-        let name = self.service.name();
-        self.publisher
-            .update_connections()
-            .map_err(|source| self.address.failed("connecting readers of", name.as_str(), source))
+        let Served { port, service, address, .. } = &self.0;
+        port.update_connections()
+            .map_err(|source| address.failed("connecting readers of", service.name().as_str(), source))
     }
 }
 
@@ -154,30 +129,21 @@ impl HealthReader {
     /// [`IpcError`]: a setting or camera name that cannot be, files of another user, a driver of another version, or as many readers
     /// as there can be.
     pub fn open(settings: &Settings, camera: &str) -> Result<Option<HealthReader>, IpcError> {
-        let (address, name) = address(settings, camera)?;
-        // A driver that was killed must not be taken for one that runs.
-        cleanup(&address.config);
-        let Some(node) = address.visiting_node()? else { return Ok(None) };
-        let service = match builder(&node, &name).open() {
-            Ok(service) => service,
-            Err(
-                OpenError::DoesNotExist
-                | OpenError::ServiceInCorruptedState
-                | OpenError::IsMarkedForDestruction
-                | OpenError::HangsInCreation,
-            ) => return Ok(None),
-            Err(source) => return Err(address.failed("opening service", name.as_str(), source)),
-        };
-        if service.dynamic_config().number_of_publishers() == 0 {
-            return Ok(None);
-        }
-        let subscriber = service
-            .subscriber_builder()
-            .create()
-            .map_err(|source| address.failed("subscribing to", name.as_str(), source))?;
-        address.take_small_files()?;
-        let service = Held::new(service, &address.config);
-        Ok(Some(HealthReader { subscriber, _service: service, _node: node, address, rejected: 0 }))
+        let name = health_service_name(camera);
+        let end = Visited::open(settings, camera, &name, |address, node, name| {
+            let Some(service) = address.opened(name, builder(node, name).open())? else { return Ok(None) };
+            if service.dynamic_config().number_of_publishers() == 0 {
+                return Ok(None);
+            }
+            let subscriber = service.subscriber_builder().create().map_err(|source| match source {
+                SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
+                    IpcError::TooManyConsumers(name.as_str().to_owned())
+                }
+                _ => address.failed("subscribing to", name.as_str(), source),
+            })?;
+            Ok(Some((service, subscriber)))
+        })?;
+        Ok(end.map(|end| HealthReader { end, rejected: 0 }))
     }
 
     /// The newest record that has not been read, or `None` where there is none. Never waits.
@@ -186,10 +152,10 @@ impl HealthReader {
     /// [`IpcError::System`] where iceoryx2 fails.
     pub fn newest(&mut self) -> Result<Option<Health>, IpcError> {
         loop {
-            let received = self.subscriber.receive();
-            let record = received.map_err(|source| {
-                let name = health_service_name(&self.address.camera);
-                self.address.failed("receiving from", &name, source)
+            let Visited { port, address, .. } = &self.end;
+            let record = port.receive().map_err(|source| {
+                let name = health_service_name(&address.camera);
+                address.failed("receiving from", &name, source)
             })?;
             let Some(record) = record else { return Ok(None) };
             let health = *record.payload();
@@ -220,27 +186,6 @@ impl HealthReader {
     }
 }
 
-fn address(settings: &Settings, camera: &str) -> Result<(Address, ServiceName), IpcError> {
-    let address = Address::new(settings, camera)?;
-    let name = ServiceName::new(&health_service_name(camera));
-    Ok((address, name.map_err(|_| IpcError::CameraName(camera.to_owned()))?))
-}
-
 fn builder(node: &Node<Ipc>, name: &ServiceName) -> Builder<Health, (), Ipc> {
     node.service_builder(name).publish_subscribe::<Health>()
-}
-
-impl fmt::Debug for HealthPublisher {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter
-            .debug_struct("HealthPublisher")
-            .field("camera", &self.address.camera)
-            .finish_non_exhaustive()
-    }
-}
-
-impl fmt::Debug for HealthReader {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.debug_struct("HealthReader").field("camera", &self.address.camera).finish_non_exhaustive()
-    }
 }

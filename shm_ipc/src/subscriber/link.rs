@@ -13,10 +13,12 @@ use super::RETRY;
 use crate::clock::{monotonic_ns, until};
 use crate::error::IpcError;
 use crate::footing::Held;
+use crate::frame_service::{self, FrameService, WakeService, wake_service_name};
 use crate::header::FrameHeader;
 use crate::prediction::{Prediction, Watch};
 use crate::premises;
-use crate::service::{Address, FrameService, Ipc, WakeService};
+use crate::quirks::Ipc;
+use crate::service::Address;
 use crate::wake_word::WakeWord;
 
 /// A frame, none, or why it cannot be had.
@@ -40,7 +42,7 @@ pub(super) struct Link {
 
 impl Link {
     pub(super) fn open(address: &Address, node: &Node<Ipc>) -> Result<Option<Link>, IpcError> {
-        let Some((frames, wake)) = address.open(node)? else { return Ok(None) };
+        let Some((frames, wake)) = frame_service::open(address, node)? else { return Ok(None) };
         let subscriber =
             frames.subscriber_builder().set_degradation_handler(|_, _| DegradationAction::DegradeAndFail);
         match subscriber.create() {
@@ -60,15 +62,15 @@ impl Link {
                 }))
             }
             Err(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
-                Err(IpcError::TooManyConsumers(address.frames_name().to_owned()))
+                Err(IpcError::TooManyConsumers(frames.name().as_str().to_owned()))
             }
-            Err(source) => Err(address.failed("subscribing to", address.frames_name(), source)),
+            Err(source) => Err(address.failed("subscribing to", frames.name().as_str(), source)),
         }
     }
 
     /// Frames that the wake word has announced.
     pub(super) fn announced(&self) -> u32 {
-        self.wake_word.as_ref().map_or(0, WakeWord::frames)
+        self.wake_word.as_ref().map_or(0, |word| word.frames())
     }
 
     /// Sleeps on the wake word until more frames are announced than were `seen`, at most `timeout`.
@@ -125,16 +127,16 @@ impl Link {
             premises::check_room(0)?;
             let listener = wake.listener_builder().create().map_err(|source| match source {
                 ListenerCreateError::ExceedsMaxSupportedListeners => {
-                    IpcError::TooManyConsumers(address.wake_name().to_owned())
+                    IpcError::TooManyConsumers(wake.name().as_str().to_owned())
                 }
-                _ => address.failed("listening to", address.wake_name(), source),
+                _ => address.failed("listening to", wake.name().as_str(), source),
             })?;
             self.listener = Some(listener);
             return address.take_small_files();
         };
         match listener.timed_wait(|_| (), timeout) {
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
-            Err(source) => Err(address.failed("waiting for", address.wake_name(), source)),
+            Err(source) => Err(address.failed("waiting for", &wake_service_name(&address.camera), source)),
         }
     }
 
@@ -147,7 +149,8 @@ impl Link {
         }
         is_passed_by
             || self.frames.get().is_none_or(|frames| {
-                frames.dynamic_config().number_of_publishers() == 0 || !address.leads_to(frames)
+                frames.dynamic_config().number_of_publishers() == 0
+                    || !frame_service::is_found(address, frames)
             })
     }
 

@@ -113,7 +113,7 @@ pub fn told_to_go_on() -> bool {
 
 /// On the other side: a driver that publishes one frame at each step, as soon as anybody reads.
 pub fn publish_on_demand(settings: &Settings) {
-    let publisher = uvcam_shm_ipc::Publisher::create(settings, CAMERA, FRAME_BYTES, LOANS).unwrap();
+    let mut publisher = uvcam_shm_ipc::Publisher::create(settings, CAMERA, FRAME_BYTES, LOANS).unwrap();
     let epoch = publisher.begin_epoch();
     // Killed with loans out, as a driver is.
     let _loan = publisher.loan().unwrap();
@@ -123,6 +123,6 @@ pub fn publish_on_demand(settings: &Settings) {
             return;
         }
         super::wait_until("a consumer", || publisher.subscribers() > 0);
-        super::publish(&publisher, epoch, sequence);
+        super::publish(&mut publisher, epoch, sequence);
     }
 }

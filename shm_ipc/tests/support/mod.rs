@@ -84,11 +84,11 @@ pub fn pixel(sequence: u64, index: usize) -> u8 {
     (sequence as usize).wrapping_mul(31).wrapping_add(index * 7 + index / 256) as u8
 }
 
-pub fn publish(publisher: &Publisher, epoch: u64, sequence: u64) -> usize {
+pub fn publish(publisher: &mut Publisher, epoch: u64, sequence: u64) -> usize {
     publish_after_loss(publisher, epoch, sequence, 0)
 }
 
-pub fn publish_after_loss(publisher: &Publisher, epoch: u64, sequence: u64, lost_before: u64) -> usize {
+pub fn publish_after_loss(publisher: &mut Publisher, epoch: u64, sequence: u64, lost_before: u64) -> usize {
     publisher.count_lost(lost_before);
     let mut slot = publisher.loan().unwrap();
     slot.pixels_mut().iter_mut().enumerate().for_each(|(index, byte)| *byte = pixel(sequence, index));

@@ -1,4 +1,4 @@
-//! A question to a running driver, and what it sets going; an answer, as a command reads it.
+//! A request to a running driver, and what it sets going; a reply, as a command reads it.
 #![no_main]
 #![allow(clippy::unwrap_used)]
 
@@ -7,7 +7,7 @@ use std::sync::Arc;
 use libfuzzer_sys::fuzz_target;
 use uvcam::camera::Settings;
 use uvcam::config::Generate;
-use uvcam::control::{Ask, Reply};
+use uvcam::control::{Reply, Request};
 use uvcam::generate::Order;
 use uvcam::generator::{Generator, Wish};
 use uvcam_fuzz::message;
@@ -23,10 +23,10 @@ fuzz_target!(|bytes: &[u8]| {
     if let Ok(reply) = serde_json::from_str::<Reply>(&text) {
         assert_eq!(again(&reply), again(&serde_json::from_str::<Reply>(&again(&reply)).unwrap()));
     }
-    match serde_json::from_str::<Ask>(&text) {
-        Ok(ask) => {
-            assert_eq!(again(&ask), again(&serde_json::from_str::<Ask>(&again(&ask)).unwrap()));
-            if let Ask::Generate { wish, .. } = ask {
+    match serde_json::from_str::<Request>(&text) {
+        Ok(request) => {
+            assert_eq!(again(&request), again(&serde_json::from_str::<Request>(&again(&request)).unwrap()));
+            if let Request::Generate { wish, .. } = request {
                 grant(wish);
             }
         }

@@ -9,7 +9,7 @@ use std::{env, fs, slice};
 
 use libfuzzer_sys as _;
 use uvcam::config::{Config, DEFAULT};
-use uvcam::control::{Ask, Reply};
+use uvcam::control::{Reply, Request};
 use uvcam_masker::Mask;
 use uvcam_shm_ipc::health::Health;
 use uvcam_shm_ipc::{FrameHeader, PixelFormat};
@@ -199,7 +199,7 @@ fn bytes_of<T: Copy>(record: &T) -> &[u8] {
 
 fn texts(folder: &Path) {
     for (place, text) in ASKS.iter().enumerate() {
-        serde_json::from_str::<Ask>(text).unwrap();
+        serde_json::from_str::<Request>(text).unwrap();
         write(folder, &format!("ask{place}.json"), text.as_bytes());
     }
     for (place, text) in REPLIES.iter().enumerate() {

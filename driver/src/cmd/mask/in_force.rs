@@ -4,10 +4,10 @@ use std::path::Path;
 use std::time::Duration;
 
 use uvcam_masker::{Mask, file};
-use uvcam_shm_ipc::control::{Answer, ControlClient};
+use uvcam_shm_ipc::control::{ControlClient, NextReply};
 
 use crate::config::{CameraConfig, Config};
-use crate::control::{Ask, Reply};
+use crate::control::{Reply, Request};
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
 use crate::generator::store_of;
@@ -41,14 +41,14 @@ pub(super) fn change(
 
 fn reload(driver: &ControlClient) -> Result<(), Error> {
     // A value without fields always has a JSON form.
-    let answers = driver.ask(&serde_json::to_string(&Ask::ReloadMask).unwrap_or_default())?;
-    let cause = match answers.next(PATIENCE) {
-        Answer::Text(text) => match serde_json::from_str(&text) {
+    let replies = driver.request(&serde_json::to_string(&Request::ReloadMask).unwrap_or_default())?;
+    let cause = match replies.next(PATIENCE) {
+        NextReply::Text(text) => match serde_json::from_str(&text) {
             Ok(Reply::Done) => return Ok(()),
             Ok(Reply::Failed { exit, cause }) => return Err(Error::Driver { exit, cause }),
             _ => "it answers in another version; use the same version of uvcam",
         },
-        Answer::Timeout | Answer::Over => "it did not answer; send it SIGHUP, or start it again",
+        NextReply::Timeout | NextReply::Over => "it did not answer; send it SIGHUP, or start it again",
     };
     Err(Error::Driver { exit: Exit::SharedMemory as u8, cause: cause.into() })
 }

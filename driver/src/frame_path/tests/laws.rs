@@ -36,7 +36,7 @@ impl Scene {
         walk(&mut FramePath {
             camera: &mut self.camera,
             applied: &applied(WIDTH, HEIGHT),
-            publisher: &self.publisher,
+            publisher: &mut self.publisher,
             mask: &mut self.mask,
             commands: &commands,
             counters: &self.counters,

@@ -109,7 +109,7 @@ impl Consumer {
 /// and the consumer, which has read all that was left for it.
 fn fly(streams: &[Vec<Fate>], counts: bool) -> (Counters, Consumer) {
     let place = Place::new();
-    let publisher = Publisher::create(&place.settings, "left", FRAME_BYTES as usize, SLOTS).unwrap();
+    let mut publisher = Publisher::create(&place.settings, "left", FRAME_BYTES as usize, SLOTS).unwrap();
     let subscriber = Subscriber::open(&place.settings, "left").unwrap();
     let mut consumer = Consumer { subscriber, span: None };
     let (_, commands) = channel();
@@ -129,7 +129,7 @@ fn fly(streams: &[Vec<Fate>], counts: bool) -> (Counters, Consumer) {
         let mut path = FramePath {
             camera: &mut camera,
             applied: &applied(FRAME_BYTES, 1),
-            publisher: &publisher,
+            publisher: &mut publisher,
             mask: &mut None,
             commands: &commands,
             counters: &counters,
