@@ -41,6 +41,14 @@ demo: packages ## Run the driver on a simulated camera, with a consumer beside i
 test: packages test-packages ## Run every test
 	cargo test --workspace --locked --no-fail-fast
 
+# Whoever leaves out a kind of camera has neither its library nor warnings. One after the other: they share all that is built before.
+.PHONY: features
+features: packages ## Check the driver with every choice of camera kinds
+	cargo clippy --locked --package uvcam --all-targets --no-default-features -- -D warnings
+	cargo clippy --locked --package uvcam --all-targets --no-default-features --features aravis -- -D warnings
+	cargo clippy --locked --package uvcam --all-targets --no-default-features --features v4l2 -- -D warnings
+	cargo test --locked --package uvcam --lib --no-default-features
+
 .PHONY: lab
 lab: packages lab-packages $(LAB)/kernel ## Run the driver on emulated cameras behind a real kernel, in a virtual machine
 	cargo run --quiet --locked --package uvcam-tests --bin lab -- $(LAB) $(TESTS)

@@ -3,34 +3,42 @@
 //! The frame path owns the rhythm: it hands empty [`Slot`]s to a camera with [`Camera::queue`], waits for filled ones with
 //! [`Camera::next`], masks and publishes them. A camera never touches a pixel after it has reported the frame complete.
 //!
-//! Each implementation lives in a file of its own: [`simulated`] and [`replay`] need no hardware, [`aravis`] speaks USB3 Vision
-//! and GigE Vision, [`v4l2`] the kernel's video drivers. All of them pass one conformance suite.
+//! A [`source`] opens them. Each implementation lives in a file of its own: [`simulated`] and `replay` need no hardware, `aravis` speaks
+//! USB3 Vision and GigE Vision, `v4l2` the kernel's video drivers. All of them stand behind one `guard`, which watches over the order of
+//! calls, and pass one conformance suite.
 
+use std::fmt;
 use std::time::Duration;
 
 use uvcam_shm_ipc::{PixelFormat, Slot};
 
 use crate::clock::DeviceClock;
 
-pub mod aravis;
+#[cfg(feature = "aravis")]
+mod aravis;
 mod error;
-mod frame_id;
+mod gige_vision;
 mod grid;
+mod guard;
 mod identity;
 mod paced;
-pub mod replay;
+mod replay;
 pub mod simulated;
-pub mod v4l2;
+pub mod source;
+#[cfg(feature = "v4l2")]
+mod v4l2;
 
 pub use error::CameraError;
-pub use identity::Identity;
-pub(crate) use identity::{GIGE_VISION, listed, told};
+pub(crate) use gige_vision::{GIGE_VISION, SOCKET_FRAMES};
+pub use grid::Grid;
+pub use identity::{Identity, listed, told};
 
 /// A camera that has been opened. It belongs to one thread at a time; one that has failed may be dropped on another, as closing a
 /// dead device can take seconds.
 ///
-/// The order of calls is `configure`, then `queue` and `start`, then `next` and `queue` in turn, then `stop`.
-/// Dropping a camera stops it and gives every queued slot back.
+/// The order of calls is `configure`, then `queue` and `start`, then `next` and `queue` in turn, then `stop`, and anew from any of them
+/// on. A [`source`] hands out cameras that refuse another order with [`CameraError::Device`]; what implements this trait need not check
+/// it, but keep within its memory. Dropping a camera stops it and gives every queued slot back.
 pub trait Camera: Send {
     /// Who the device says it is.
     fn identity(&self) -> &Identity;
@@ -75,6 +83,12 @@ pub trait Camera: Send {
 
     /// Stops acquisition and gives the queued slots back to their publisher.
     fn stop(&mut self);
+}
+
+impl fmt::Debug for dyn Camera {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_struct("Camera").field("identity", self.identity()).finish_non_exhaustive()
+    }
 }
 
 /// What became of a queued slot.
@@ -188,16 +202,16 @@ impl Settings {
 }
 
 /// The difference of exposure times that passes for rounding, microseconds: one of them, or 1 %.
-fn exposure_tolerance_us(exposure_us: f64) -> f64 {
+pub fn exposure_tolerance_us(exposure_us: f64) -> f64 {
     (0.01 * exposure_us).max(1.0)
 }
 
 /// The difference of gains that passes for rounding, decibels.
-const GAIN_TOLERANCE_DB: f64 = 0.1;
+pub const GAIN_TOLERANCE_DB: f64 = 0.1;
 
 /// The difference of frame rates that passes for rounding, frames a second: 0.5 %. Devices round the period to whole sensor lines, or
 /// have a few rates and name them in units of their own.
-fn frame_rate_tolerance(fps: f64) -> f64 {
+pub fn frame_rate_tolerance(fps: f64) -> f64 {
     0.005 * fps
 }
 

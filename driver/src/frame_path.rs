@@ -247,4 +247,4 @@ impl FramePath<'_> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -13,9 +13,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use aravis::glib;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
+
+use crate::camera::source;
 
 /// Lines that may wait for stderr, and the longest of them in bytes; a longer one is cut.
 const WAITING: usize = 1024;
@@ -64,17 +65,7 @@ pub fn start() -> io::Result<()> {
         .init();
     std::panic::set_hook(Box::new(tell_panic));
     uvcam_shm_ipc::log_to(|text| tracing::warn!("{text}"));
-    glib::log_set_writer_func(|level, fields| {
-        let message =
-            fields.iter().find(|field| field.key() == "MESSAGE").and_then(glib::LogField::value_str);
-        match level {
-            glib::LogLevel::Error | glib::LogLevel::Critical | glib::LogLevel::Warning => {
-                tracing::warn!("{}", message.unwrap_or_default());
-            }
-            _ => tracing::debug!("{}", message.unwrap_or_default()),
-        }
-        glib::LogWriterOutput::Handled
-    });
+    source::log_libraries();
     Ok(())
 }
 

@@ -7,16 +7,13 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use uvcam_shm_ipc::{Flags, FrameHeader, Publisher};
+use uvcam_shm_ipc::{FrameHeader, Publisher};
 
-use crate::camera::aravis::Finder;
-use crate::camera::replay::ReplayCamera;
-use crate::camera::simulated::Device;
-use crate::camera::v4l2::V4l2Camera;
+use crate::camera::source::{self, CameraSource};
 use crate::camera::{Applied, Camera, CameraError, Identity};
-use crate::config::{CameraConfig, Ipc, Source, V4l2};
+use crate::config::{CameraConfig, Ipc};
 use crate::counters::{Counters, add};
 use crate::error::{Error, panic_text, with_causes};
 use crate::frame_path::{Command, FramePath, Leave, Position};
@@ -25,10 +22,12 @@ use crate::mask::{self, MaskInForce};
 
 mod back_off;
 mod closing;
+mod time;
 
 use back_off::BackOff;
 pub(crate) use closing::CLOSING;
 use closing::Closing;
+use time::{SystemTime, Time};
 
 /// How long a waiting thread takes to see that it is to stop.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -62,48 +61,12 @@ impl Notice {
     }
 }
 
-/// Opens the device that a source names, as often as needed.
-enum Opener {
-    Aravis(Finder),
-    Replay(std::path::PathBuf),
-    Simulated(Device),
-    V4l2(V4l2),
-}
-
-impl Opener {
-    fn new(source: &Source) -> Self {
-        match source {
-            Source::Aravis { serial } => Opener::Aravis(Finder::new(serial)),
-            Source::Replay { path } => Opener::Replay(path.clone()),
-            Source::Simulated(script) => Opener::Simulated(Device::new(script.clone())),
-            Source::V4l2(source) => Opener::V4l2(source.clone()),
-        }
-    }
-
-    fn open(&mut self) -> Result<Box<dyn Camera>, CameraError> {
-        Ok(match self {
-            Opener::Aravis(finder) => Box::new(finder.open()?),
-            Opener::Replay(path) => Box::new(ReplayCamera::open(path)?),
-            Opener::Simulated(device) => Box::new(device.open()?),
-            Opener::V4l2(source) => Box::new(V4l2Camera::open(source)?),
-        })
-    }
-
-    fn flag(&self) -> Flags {
-        match self {
-            Opener::Aravis(_) | Opener::V4l2(_) => Flags::NONE,
-            Opener::Replay(_) => Flags::REPLAYED,
-            Opener::Simulated(_) => Flags::SIMULATED,
-        }
-    }
-}
-
 /// A camera's thread.
 pub struct Supervisor {
     place: usize,
     camera: CameraConfig,
     ipc: Ipc,
-    opener: Opener,
+    source: Box<dyn CameraSource>,
     /// The device that was opened first: name and mask of the configuration belong to it.
     first: Option<Identity>,
     publisher: Option<Publisher>,
@@ -112,6 +75,7 @@ pub struct Supervisor {
     notify: Box<dyn Fn(Notice) + Send>,
     counters: Arc<Counters>,
     stop: Arc<AtomicBool>,
+    time: Box<dyn Time>,
 }
 
 impl Supervisor {
@@ -125,20 +89,20 @@ impl Supervisor {
         counters: Arc<Counters>,
         stop: Arc<AtomicBool>,
     ) -> Self {
-        let opener = Opener::new(&camera.source);
-        let closing = Closing::default();
+        let source = source::of(&camera.source);
         Supervisor {
             place,
             camera,
             ipc,
-            opener,
+            source,
             first: None,
             publisher: None,
-            closing,
+            closing: Closing::default(),
             commands,
             notify,
             counters,
             stop,
+            time: Box::new(SystemTime),
         }
     }
 
@@ -156,7 +120,7 @@ impl Supervisor {
         let mut mask = None;
         let mut back_off = BackOff::default();
         while !self.stopped() {
-            let begin = Instant::now();
+            let begin = self.time.now();
             let published_before = self.published();
             // What an attempt leaves is valid at every point: the mask is set as a whole, counters are plain numbers.
             let attempt = catch_unwind(AssertUnwindSafe(|| self.work(&mut mask)));
@@ -169,7 +133,7 @@ impl Supervisor {
             }
             let part = "the camera's thread";
             self.notify(State::Waiting(Error::Panicked { part, cause: panic_text(&*payload) }));
-            self.pause(back_off.after_failure(begin, Instant::now()));
+            self.pause(back_off.after_failure(begin, self.time.now()));
         }
         self.closing.finish();
     }
@@ -187,7 +151,7 @@ impl Supervisor {
     fn keep_streaming(&mut self, mask: &mut MaskInForce) {
         let mut back_off = BackOff::default();
         while !self.stopped() {
-            let begin = Instant::now();
+            let begin = self.time.now();
             let published_before = self.published();
             let Err(error) = self.stream(mask, back_off.listening()) else { return };
             let is_absent = matches!(error, Error::Camera(CameraError::Absent { .. }));
@@ -206,7 +170,7 @@ impl Supervisor {
                 }
             } else {
                 self.notify(State::Waiting(error));
-                self.pause(back_off.after_failure(begin, Instant::now()));
+                self.pause(back_off.after_failure(begin, self.time.now()));
             }
         }
     }
@@ -240,11 +204,11 @@ impl Supervisor {
 
     /// Opens the camera and publishes its frames until it fails or the driver stops.
     fn stream(&mut self, mask: &mut MaskInForce, listening: Duration) -> Result<(), Error> {
-        while !self.closing.has_room() {
-            if self.stopped() {
-                return Ok(());
-            }
+        while !self.closing.has_room() && !self.stopped() {
             self.pause(PATIENCE);
+        }
+        if self.stopped() {
+            return Ok(());
         }
         self.counters.live();
         let mut camera = self.open()?;
@@ -257,7 +221,7 @@ impl Supervisor {
 
     /// Opens the camera. A configuration may name a place (an address, a node), where another device can be by now.
     fn open(&mut self) -> Result<Box<dyn Camera>, CameraError> {
-        let camera = self.opener.open()?;
+        let camera = self.source.open()?;
         let found = camera.identity();
         let first = self.first.get_or_insert_with(|| found.clone());
         match first.is_same_device(found) {
@@ -359,16 +323,16 @@ impl Supervisor {
         header.frame_period_ns = (1e9 / applied.fps) as u64;
         header.exposure_us = applied.exposure_us;
         header.gain_db = applied.gain_db;
-        header.set_flag(self.opener.flag(), true);
+        header.set_flag(self.source.flag(), true);
         header.set_mask(mask.as_deref().map(|mask| mask.id().0));
         header
     }
 
     fn pause(&self, duration: Duration) {
-        let end = Instant::now() + duration;
-        while !self.stopped() && Instant::now() < end {
+        let end = self.time.now() + duration;
+        while !self.stopped() && self.time.now() < end {
             self.counters.live();
-            std::thread::sleep(PATIENCE.min(end.saturating_duration_since(Instant::now())));
+            self.time.sleep(PATIENCE.min(end.saturating_duration_since(self.time.now())));
         }
     }
 
@@ -384,3 +348,6 @@ impl Supervisor {
         (self.notify)(Notice { camera: self.place, state });
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -12,13 +12,12 @@ use std::time::Duration;
 use aravis::prelude::*;
 use aravis::{Buffer, BufferStatus, GvStreamOption};
 use rustix::net::{AddressFamily, Protocol, RecvFlags, SocketFlags, SocketType, recv, socket_with};
-use uvcam::camera::aravis::AravisCamera;
-use uvcam::camera::{Camera, Event, Settings};
+use uvcam::camera::{Event, Settings};
 use uvcam::realtime::Realtime;
 use uvcam_emulated::gige_vision::{self, ADDRESS};
 use uvcam_shm_ipc::{FrameHeader, PixelFormat, monotonic_ns};
-use uvcam_tests::SharedMemory;
 use uvcam_tests::network::enter_namespace;
+use uvcam_tests::{SharedMemory, open_aravis};
 
 const WIDTH: u32 = 752;
 const HEIGHT: u32 = 480;
@@ -123,7 +122,7 @@ fn with_uvcam(row: &mut Row) {
         gain_db: 0.0,
     };
     let memory = SharedMemory::new();
-    let mut camera = AravisCamera::open(ADDRESS).unwrap();
+    let mut camera = open_aravis(ADDRESS).unwrap();
     let applied = camera.configure(&settings).unwrap();
     let publisher = memory.publisher("bench", applied.payload_bytes, SLOTS);
     (0..SLOTS).for_each(|_| camera.queue(publisher.loan().unwrap()).unwrap());

@@ -1,13 +1,12 @@
 //! A USB3 Vision camera behind the kernel's USB, libusb and aravis as they are.
 
-use uvcam::camera::aravis::AravisCamera;
 use uvcam_emulated::scene::picture;
 use uvcam_emulated::usb::Plugged;
 use uvcam_emulated::usb3_vision::{Camera, Identity};
 use uvcam_masker::ImageView;
 use uvcam_shm_ipc::Flags;
 use uvcam_tests::conformance::{Case, Kind, settings};
-use uvcam_tests::{Stage, next_frame, stderr};
+use uvcam_tests::{Stage, next_frame, open_aravis, stderr};
 
 mod copies;
 mod faults;
@@ -30,7 +29,7 @@ mod conforms {
     fn run(case: Case) {
         let _device = Plugged::new(Camera::new(Identity::with_serial("U3V1")));
         (case.run)(&Kind {
-            open: &|| Box::new(AravisCamera::open("U3V1").unwrap()),
+            open: &|| open_aravis("U3V1").unwrap(),
             settings: settings(SIZE.0, SIZE.1),
             takes_gains_db: &[6.0],
             refuses_gains_db: &[1000.0],

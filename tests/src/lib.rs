@@ -11,6 +11,8 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use uvcam::camera::source::{self, Source};
+use uvcam::camera::{Camera, CameraError};
 use uvcam_masker::Mask;
 use uvcam_shm_ipc::health::{Health, HealthReader};
 use uvcam_shm_ipc::{Frame, Settings, Subscriber};
@@ -25,6 +27,30 @@ pub use shared_memory::SharedMemory;
 
 /// Longest wait for something that must happen.
 const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Opens a camera as the driver does.
+///
+/// # Errors
+/// Those of the source.
+pub fn open(source: &Source) -> Result<Box<dyn Camera>, CameraError> {
+    source::of(source).open()
+}
+
+/// Opens the USB3 Vision or GigE Vision camera that a configuration calls `serial`.
+///
+/// # Errors
+/// Those of the source.
+pub fn open_aravis(serial: &str) -> Result<Box<dyn Camera>, CameraError> {
+    open(&Source::Aravis { serial: serial.into() })
+}
+
+/// Opens a folder of pictures.
+///
+/// # Errors
+/// Those of the source.
+pub fn open_replay(folder: &Path) -> Result<Box<dyn Camera>, CameraError> {
+    open(&Source::Replay { path: folder.into() })
+}
 
 /// A folder, a configuration and shared memory that no other test uses.
 pub struct Stage {

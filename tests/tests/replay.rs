@@ -6,10 +6,9 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use image::{GrayImage, Luma};
-use uvcam::camera::replay::ReplayCamera;
-use uvcam::camera::{Camera, CameraError, Event};
+use uvcam::camera::{CameraError, Event};
 use uvcam_tests::conformance::{Started, settings};
-use uvcam_tests::{SharedMemory, Stage, binary, simulated, stderr};
+use uvcam_tests::{SharedMemory, Stage, binary, open_replay, simulated, stderr};
 
 /// 75 s at 60 fps, which are 1.6 GB of pixels.
 const FRAMES: usize = 4500;
@@ -54,8 +53,8 @@ fn pictures_come_in_the_order_in_which_a_person_counts_them() {
     // What a Mac leaves beside the files of an exFAT stick.
     std::fs::write(folder.path().join("._frame_9.png"), "Mac OS X").unwrap();
     let memory = SharedMemory::new();
-    let mut camera = ReplayCamera::open(folder.path()).unwrap();
-    let mut started = Started::new(&mut camera, &settings(8, 4), &memory);
+    let mut camera = open_replay(folder.path()).unwrap();
+    let mut started = Started::new(camera.as_mut(), &settings(8, 4), &memory);
     for expected in [10, 20, 30, 10] {
         let mut capture = started.next_whole();
         assert!(capture.slot.pixels_mut().iter().all(|pixel| *pixel == expected));
@@ -64,7 +63,7 @@ fn pictures_come_in_the_order_in_which_a_person_counts_them() {
     started.camera.stop();
     drop(started);
     // A new start begins with the first picture, whatever was read ahead before.
-    let mut started = Started::new(&mut camera, &settings(8, 4), &memory);
+    let mut started = Started::new(camera.as_mut(), &settings(8, 4), &memory);
     let mut capture = started.next_whole();
     assert!(capture.slot.pixels_mut().iter().all(|pixel| *pixel == 10));
 }
@@ -78,8 +77,8 @@ fn a_broken_picture_is_an_incomplete_frame_and_the_next_ones_come() {
     std::fs::write(folder.path().join("1.png"), "no picture").unwrap();
     GrayImage::new(4, 8).save(folder.path().join("2.png")).unwrap();
     let memory = SharedMemory::new();
-    let mut camera = ReplayCamera::open(folder.path()).unwrap();
-    let started = Started::new(&mut camera, &settings(8, 4), &memory);
+    let mut camera = open_replay(folder.path()).unwrap();
+    let started = Started::new(camera.as_mut(), &settings(8, 4), &memory);
     let mut incomplete = 0;
     let mut whole = Vec::new();
     while whole.len() < 4 {
@@ -103,7 +102,7 @@ fn a_broken_picture_is_an_incomplete_frame_and_the_next_ones_come() {
 fn a_first_picture_that_cannot_be_read_fails_with_its_name() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("1.png"), "no picture").unwrap();
-    let error = ReplayCamera::open(folder.path()).unwrap().configure(&settings(8, 4)).unwrap_err();
+    let error = open_replay(folder.path()).unwrap().configure(&settings(8, 4)).unwrap_err();
     let message = error.to_string();
     assert!(matches!(error, CameraError::Device { .. }), "{message}");
     assert!(

@@ -1,6 +1,5 @@
 //! USB3 Vision and GigE Vision cameras, through the library aravis (0.8.20 or later).
 
-use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -10,41 +9,43 @@ use aravis::prelude::*;
 use aravis::{GvDevice, UvUsbMode};
 use uvcam_shm_ipc::Slot;
 
-use super::frame_id::FrameIdUnwrapper;
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
 use crate::clock::DeviceClock;
 use features::{Features, failed};
+use frame_id::FrameIdUnwrapper;
 use stream::SlotStream;
 
 mod configure;
 mod discovery;
 mod features;
 mod finder;
+mod frame_id;
 mod gige;
+mod log;
 mod stream;
 mod usb;
 
-pub use finder::Finder;
-pub(crate) use gige::SOCKET_FRAMES;
+pub(super) use finder::Finder;
+pub(super) use log::log_library;
 
 const KIND: &str = "aravis";
 
 /// All connected USB3 Vision and GigE Vision cameras. Takes about a second, for which every network interface is asked.
 ///
 /// A USB camera is listed only where the access rights let the driver open it.
-pub fn list() -> Vec<Identity> {
+pub(super) fn list() -> Vec<Identity> {
     discovery::list()
 }
 
 /// An opened camera.
-pub struct AravisCamera {
+pub(super) struct AravisCamera {
     // Dropped first: its slots must not outlive the stream, nor the stream its camera.
     slots: SlotStream,
     camera: aravis::Camera,
     identity: Identity,
     /// Set by a thread of the library when the device is gone.
     control_lost: Arc<AtomicBool>,
-    applied: Option<Applied>,
+    payload_bytes: usize,
     frame_ids: FrameIdUnwrapper,
     /// Ticks a second of the device's clock; 0 where it has none.
     tick_frequency_hz: f64,
@@ -58,7 +59,7 @@ impl AravisCamera {
     ///
     /// # Errors
     /// [`CameraError::Absent`] with what was found instead; [`CameraError::Device`] where another program controls it.
-    pub fn open(serial: &str) -> Result<Self, CameraError> {
+    fn open(serial: &str) -> Result<Self, CameraError> {
         Ok(AravisCamera::of(discovery::open(serial)?))
     }
 
@@ -83,7 +84,7 @@ impl AravisCamera {
             camera,
             identity,
             control_lost,
-            applied: None,
+            payload_bytes: 0,
             frame_ids: FrameIdUnwrapper::default(),
             tick_frequency_hz,
             tells_temperature,
@@ -104,10 +105,6 @@ impl AravisCamera {
             false => failed(&self.identity.serial, doing, error),
         }
     }
-
-    fn misused(&self, doing: &'static str, cause: String) -> CameraError {
-        CameraError::Device { serial: self.identity.serial.clone(), doing, cause }
-    }
 }
 
 impl Camera for AravisCamera {
@@ -123,42 +120,30 @@ impl Camera for AravisCamera {
     }
 
     fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError> {
-        self.stop();
-        self.applied = None;
         let features = Features { camera: &self.camera, serial: &self.identity.serial };
         let applied = configure::configure(&features, settings).map_err(|error| match error {
             CameraError::Device { doing, .. } if self.is_gone() => self.disconnected(doing),
             error => error,
         })?;
-        Ok(self.applied.insert(applied).clone())
+        self.payload_bytes = applied.payload_bytes;
+        Ok(applied)
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
-        let payload_bytes = self.applied.as_ref().map(|applied| applied.payload_bytes);
-        if payload_bytes != Some(slot.len()) {
-            let cause = format!("a slot of {} bytes, a frame of {payload_bytes:?}", slot.len());
-            return Err(self.misused("queueing", cause));
-        }
         self.slots.queue(slot);
         Ok(())
     }
 
     fn start(&mut self) -> Result<(), CameraError> {
-        let Some(applied) = &self.applied else {
-            return Err(self.misused("starting", "it was not configured".into()));
-        };
-        if self.slots.is_started() {
-            return Err(self.misused("starting", "it is started already".into()));
-        }
         if self.camera.is_uv_device() {
             // Up to 0.8.28, the asynchronous mode takes a whole processor core while no slot is queued.
             self.camera.uv_set_usb_mode(UvUsbMode::Sync);
         }
         if self.camera.is_gv_device() {
-            gige::prepare(&self.camera, &self.identity.serial, applied.payload_bytes);
+            gige::prepare(&self.camera, &self.identity.serial, self.payload_bytes);
         }
         let stream = self.camera.create_stream().map_err(|error| self.failed("starting", error))?;
-        gige::tune(&stream, applied.payload_bytes);
+        gige::tune(&stream, self.payload_bytes);
         if let Some(bytes) = gige::packet_bytes(&self.camera) {
             tracing::info!("camera {}: frames come in packets of {bytes} bytes", self.identity.serial);
         }
@@ -211,11 +196,5 @@ impl Camera for AravisCamera {
 impl Drop for AravisCamera {
     fn drop(&mut self) {
         self.stop();
-    }
-}
-
-impl fmt::Debug for AravisCamera {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.debug_struct("AravisCamera").field("identity", &self.identity).finish_non_exhaustive()
     }
 }

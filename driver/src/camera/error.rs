@@ -17,6 +17,14 @@ pub enum CameraError {
         /// What was found instead.
         found: String,
     },
+    /// The driver was built without the kind of camera.
+    #[error(
+        "this uvcam was built without cameras of kind \"{kind}\"; build it with the Cargo feature {kind}"
+    )]
+    NotBuiltIn {
+        /// The kind of the source.
+        kind: &'static str,
+    },
     /// Another device is where the camera was that the driver opened first. Name and mask of the configuration belong to that one.
     #[error(
         "camera {expected} was opened first, and at its place is {found}, which is not flown under its name and mask; \

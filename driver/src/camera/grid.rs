@@ -4,7 +4,7 @@ use super::CameraError;
 
 /// A grid of values, in the setting's unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Grid {
+pub struct Grid {
     minimum: f64,
     maximum: f64,
     step: f64,
@@ -12,18 +12,18 @@ pub(super) struct Grid {
 
 impl Grid {
     /// Of numbers as a device tells them, which need not make sense: a grid has at least one value.
-    pub(super) fn new(minimum: f64, maximum: f64, step: f64) -> Self {
+    pub fn new(minimum: f64, maximum: f64, step: f64) -> Self {
         Grid { minimum, maximum: maximum.max(minimum), step }
     }
 
     /// The value of the grid next to `wanted`.
-    pub(super) fn nearest(&self, wanted: f64) -> f64 {
+    pub fn nearest(&self, wanted: f64) -> f64 {
         let (below, above) = self.around(wanted);
         if wanted - below <= above - wanted { below } else { above }
     }
 
     /// The largest value of the grid that is not above `wanted`, or the smallest of all.
-    pub(super) fn at_most(&self, wanted: f64) -> f64 {
+    pub fn at_most(&self, wanted: f64) -> f64 {
         self.around(wanted).0
     }
 
@@ -31,12 +31,7 @@ impl Grid {
     ///
     /// # Errors
     /// [`CameraError::Refused`] with the grid and its values next to `asked`.
-    pub(super) fn check(
-        &self,
-        setting: &'static str,
-        asked: f64,
-        tolerance: f64,
-    ) -> Result<f64, CameraError> {
+    pub fn check(&self, setting: &'static str, asked: f64, tolerance: f64) -> Result<f64, CameraError> {
         let nearest = self.nearest(asked);
         if (nearest - asked).abs() <= tolerance + asked.abs() * 1e-6 + 1e-9 {
             return Ok(nearest);

@@ -2,8 +2,6 @@
 
 use std::fmt;
 
-/// How GigE Vision names itself among the transports.
-pub(crate) const GIGE_VISION: &str = "GigEVision";
 /// The most characters of a device's text that are kept: the longest of USB has 126.
 const LONGEST: usize = 256;
 
@@ -40,14 +38,14 @@ impl fmt::Display for Identity {
 
 /// A device's text as logs and comparisons take it: without white space around it, without characters that would control a terminal, and
 /// not longer than a line.
-pub(crate) fn told(text: &str) -> String {
+pub fn told(text: &str) -> String {
     let printable =
         |character: char| if character.is_control() { char::REPLACEMENT_CHARACTER } else { character };
     text.trim().chars().take(LONGEST).map(printable).collect()
 }
 
 /// What a search found, in a line that is the same whatever the order in which it was found, and does not grow with a network.
-pub(crate) fn listed(mut found: Vec<String>) -> String {
+pub fn listed(mut found: Vec<String>) -> String {
     const MOST: usize = 16;
     found.sort_unstable();
     let others = found.len().saturating_sub(MOST);

@@ -1,13 +1,14 @@
 //! A folder of PNG files as a camera: in the order of their names, at the configured rate, again and again.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
 use uvcam_masker::file::{FrameError, read_frame};
-use uvcam_shm_ipc::{PixelFormat, Slot, monotonic_ns};
+use uvcam_shm_ipc::{Flags, PixelFormat, Slot, monotonic_ns};
 
 use super::paced::{Due, Paced, deadline};
+use super::source::CameraSource;
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
 use crate::error::with_causes;
 
@@ -17,13 +18,26 @@ mod folder;
 use ahead::{Ahead, Taken};
 use folder::Folder;
 
+/// A folder, by its path.
+pub(super) struct ReplayFolder(pub(super) PathBuf);
+
+impl CameraSource for ReplayFolder {
+    fn open(&mut self) -> Result<Box<dyn Camera>, CameraError> {
+        Ok(Box::new(ReplayCamera::open(&self.0)?))
+    }
+
+    fn flag(&self) -> Flags {
+        Flags::REPLAYED
+    }
+}
+
 /// An opened folder.
 #[derive(Debug)]
-pub struct ReplayCamera {
+struct ReplayCamera {
     identity: Identity,
     folder: Arc<Folder>,
-    /// Columns and rows, where it is configured.
-    size: Option<(u32, u32)>,
+    /// Columns and rows.
+    size: (u32, u32),
     /// The pictures, where it is started.
     ahead: Option<Ahead>,
     paced: Paced,
@@ -35,7 +49,7 @@ impl ReplayCamera {
     ///
     /// # Errors
     /// [`CameraError::Absent`] where it cannot be read or holds no PNG file.
-    pub fn open(folder: &Path) -> Result<Self, CameraError> {
+    fn open(folder: &Path) -> Result<Self, CameraError> {
         let listed = Folder::list(folder).map_err(|found| CameraError::Absent {
             kind: "replay",
             wanted: folder.display().to_string(),
@@ -51,7 +65,7 @@ impl ReplayCamera {
                 address: listed.path().display().to_string(),
             },
             folder: Arc::new(listed),
-            size: None,
+            size: (0, 0),
             ahead: None,
             paced: Paced::default(),
             fps: 0.0,
@@ -96,7 +110,7 @@ impl Camera for ReplayCamera {
                 remedy: "set width and height to the size of the pictures, the same for all".into(),
             });
         }
-        self.size = Some((width, height));
+        self.size = (width, height);
         self.fps = settings.fps;
         Ok(Applied {
             width: settings.width,
@@ -111,20 +125,12 @@ impl Camera for ReplayCamera {
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
-        let needed = self.size.map_or(0, |(width, height)| width as usize * height as usize);
-        if slot.len() != needed {
-            return Err(self
-                .failed("queueing a slot", format!("the slot has {} bytes, a frame {needed}", slot.len())));
-        }
         self.paced.queue(slot);
         Ok(())
     }
 
     fn start(&mut self) -> Result<(), CameraError> {
-        let size = self.size.ok_or_else(|| self.failed("starting", "it is not configured".into()))?;
-        // Ended before the next one begins: both would read.
-        self.ahead = None;
-        let ahead = Ahead::start(self.folder.clone(), size);
+        let ahead = Ahead::start(self.folder.clone(), self.size);
         self.ahead = Some(ahead.map_err(|error| self.failed("starting", error.to_string()))?);
         self.paced.start(self.fps);
         Ok(())

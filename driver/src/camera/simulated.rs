@@ -1,17 +1,17 @@
 //! A simulated camera: an airframe under a moving lamp, blinking markers, sensor noise, and faults by script.
 //!
-//! [`Device`] is the hardware: it outlives an unplugging and remembers which faults have happened. [`SimulatedCamera`] is the
+//! `Device` is the hardware: it outlives an unplugging and remembers which faults have happened. `SimulatedCamera` is the
 //! opened handle.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use uvcam_masker::file::MAX_PIXELS;
-use uvcam_shm_ipc::{Slot, monotonic_ns};
+use uvcam_shm_ipc::{Flags, Slot, monotonic_ns};
 
 use super::paced::{Paced, deadline, sleep_until};
+use super::source::{CameraSource, FaultKind, Simulated};
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings, verify};
-use crate::config::{FaultKind, Simulated};
 
 mod scene;
 
@@ -23,7 +23,7 @@ const TEMPERATURE_C: f64 = 40.0;
 
 /// The simulated hardware. Clones are the same device.
 #[derive(Debug, Clone)]
-pub struct Device {
+pub(super) struct Device {
     script: Arc<Simulated>,
     state: Arc<Mutex<State>>,
 }
@@ -47,7 +47,7 @@ struct State {
 
 impl Device {
     /// A device that behaves as the script says.
-    pub fn new(script: Simulated) -> Self {
+    pub(super) fn new(script: Simulated) -> Self {
         Device { script: Arc::new(script), state: Arc::default() }
     }
 
@@ -55,7 +55,7 @@ impl Device {
     ///
     /// # Errors
     /// [`CameraError::Absent`] while it is unplugged.
-    pub fn open(&self) -> Result<SimulatedCamera, CameraError> {
+    fn open_camera(&self) -> Result<SimulatedCamera, CameraError> {
         if self.state().unplugged_until.is_some_and(|until| Instant::now() < until) {
             return Err(CameraError::Absent {
                 kind: "simulated",
@@ -101,6 +101,16 @@ impl Device {
     fn state(&self) -> MutexGuard<'_, State> {
         // The state is plain numbers: valid whatever happened to another holder.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl CameraSource for Device {
+    fn open(&mut self) -> Result<Box<dyn Camera>, CameraError> {
+        Ok(Box::new(self.open_camera()?))
+    }
+
+    fn flag(&self) -> Flags {
+        Flags::SIMULATED
     }
 }
 
@@ -171,7 +181,7 @@ impl State {
 
 /// An opened simulated camera.
 #[derive(Debug)]
-pub struct SimulatedCamera {
+struct SimulatedCamera {
     identity: Identity,
     device: Device,
     scene: Option<Arc<Scene>>,
@@ -182,14 +192,6 @@ pub struct SimulatedCamera {
 impl SimulatedCamera {
     fn disconnected(&self, doing: &'static str) -> CameraError {
         CameraError::Disconnected { serial: self.identity.serial.clone(), doing }
-    }
-
-    fn not_configured(&self, doing: &'static str) -> CameraError {
-        CameraError::Device {
-            serial: self.identity.serial.clone(),
-            doing,
-            cause: "it is not configured".into(),
-        }
     }
 
     /// A frozen device is silent until its time is over, then goes on.
@@ -239,36 +241,25 @@ impl Camera for SimulatedCamera {
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
-        let needed = self.scene.as_ref().map_or(0, |scene| scene.frame_bytes());
-        if slot.len() != needed {
-            let cause = format!("the slot has {} bytes, a frame {needed}", slot.len());
-            return Err(CameraError::Device {
-                serial: self.identity.serial.clone(),
-                doing: "queueing a slot",
-                cause,
-            });
-        }
         self.paced.queue(slot);
         Ok(())
     }
 
     fn start(&mut self) -> Result<(), CameraError> {
-        if self.scene.is_none() {
-            return Err(self.not_configured("starting"));
-        }
         self.paced.start(self.fps);
         Ok(())
     }
 
     fn next(&mut self, timeout: Duration) -> Result<Event, CameraError> {
         let deadline_ns = deadline(timeout);
+        // Nothing is to be seen before it is configured.
+        let Some(scene) = self.scene.clone() else { return Ok(Event::Timeout) };
         loop {
             if !self.thaw(deadline_ns) {
                 return Ok(Event::Timeout);
             }
             let Some(due) = self.paced.next(deadline_ns) else { return Ok(Event::Timeout) };
             let fate = self.device.state().fate_of_next(&self.device.script);
-            let Some(scene) = &self.scene else { return Err(self.not_configured("waiting for a frame")) };
             match fate {
                 Fate::Whole => {
                     let mut slot = due.slot;

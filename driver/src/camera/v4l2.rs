@@ -7,19 +7,18 @@
 //! A frame's device timestamp is the driver's stamp where that is CLOCK_MONOTONIC: at the start of the exposure or at the end of the
 //! frame, as the driver likes (V4L2_BUF_FLAG_TSTAMP_SRC_*). uvcvideo stamps the start.
 
-use std::fmt;
 use std::io;
 use std::time::Duration;
 
 use rustix::io::Errno;
 use uvcam_shm_ipc::Slot;
 
-use super::frame_id::SequenceUnwrapper;
+use super::source::{CameraSource, V4l2, V4l2Memory};
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
 use crate::clock::DeviceClock;
-use crate::config::{V4l2, V4l2Memory};
 use controls::Failure;
 use format::Layout;
+use sequence::SequenceUnwrapper;
 use stream::Stream;
 
 mod configure;
@@ -27,21 +26,22 @@ mod controls;
 mod device;
 mod discovery;
 mod format;
+mod sequence;
 mod stream;
 
 const KIND: &str = "v4l2";
 
 /// All connected cameras that the access rights let the driver open.
-pub fn list() -> Vec<Identity> {
+pub(super) fn list() -> Vec<Identity> {
     discovery::list()
 }
 
 /// An opened camera.
-pub struct V4l2Camera {
+struct V4l2Camera {
     stream: Stream,
     identity: Identity,
     source: V4l2,
-    configured: Option<(Applied, Layout)>,
+    layout: Layout,
     sequence: SequenceUnwrapper,
     /// As the last frame was stamped.
     clock: DeviceClock,
@@ -53,13 +53,13 @@ impl V4l2Camera {
     /// # Errors
     /// [`CameraError::Absent`] with what was found instead; [`CameraError::Refused`] where several have the serial;
     /// [`CameraError::Device`] where it may not be opened.
-    pub fn open(source: &V4l2) -> Result<Self, CameraError> {
+    fn open(source: &V4l2) -> Result<Self, CameraError> {
         let (device, identity) = discovery::open(&source.device)?;
         Ok(V4l2Camera {
             stream: Stream::new(device),
             identity,
             source: source.clone(),
-            configured: None,
+            layout: Layout::default(),
             sequence: SequenceUnwrapper::default(),
             clock: DeviceClock::HostAtFrameEnd,
         })
@@ -76,9 +76,11 @@ impl V4l2Camera {
         };
         CameraError::Device { serial, doing, cause: format!("{error}{held}") }
     }
+}
 
-    fn misused(&self, doing: &'static str, cause: String) -> CameraError {
-        CameraError::Device { serial: self.identity.serial.clone(), doing, cause }
+impl CameraSource for V4l2 {
+    fn open(&mut self) -> Result<Box<dyn Camera>, CameraError> {
+        Ok(Box::new(V4l2Camera::open(self)?))
     }
 }
 
@@ -97,40 +99,29 @@ impl Camera for V4l2Camera {
     }
 
     fn configure(&mut self, settings: &Settings) -> Result<Applied, CameraError> {
-        self.stop();
-        self.configured = None;
         let configured = configure::configure(self.stream.device(), settings, &self.source);
-        let configured = configured.map_err(|failure| match failure {
+        let (applied, layout) = configured.map_err(|failure| match failure {
             Failure::Refused(error) => error,
             Failure::Io(error) => self.failed("configuring", &error),
         })?;
-        Ok(self.configured.insert(configured).0.clone())
+        self.layout = layout;
+        Ok(applied)
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
-        let payload_bytes = self.configured.as_ref().map(|(applied, _)| applied.payload_bytes);
-        if payload_bytes != Some(slot.len()) {
-            let cause = format!("a slot of {} bytes, a frame of {payload_bytes:?}", slot.len());
-            return Err(self.misused("queueing", cause));
-        }
         self.stream.queue(slot).map_err(|error| self.failed("queueing", &error))
     }
 
     fn start(&mut self) -> Result<(), CameraError> {
-        let Some((_, layout)) = &self.configured else {
-            return Err(self.misused("starting", "it was not configured".into()));
-        };
-        if self.stream.is_started() {
-            return Err(self.misused("starting", "it is started already".into()));
-        }
         let memories: &[V4l2Memory] = match self.source.memory {
             Some(V4l2Memory::UserPointer) => &[V4l2Memory::UserPointer],
             Some(V4l2Memory::Mapped) => &[V4l2Memory::Mapped],
-            None if layout.is_slot() => &[V4l2Memory::UserPointer, V4l2Memory::Mapped],
+            None if self.layout.is_slot() => &[V4l2Memory::UserPointer, V4l2Memory::Mapped],
             None => &[V4l2Memory::Mapped],
         };
         self.sequence = SequenceUnwrapper::default();
-        let memory = self.stream.start(memories, layout).map_err(|error| self.failed("starting", &error))?;
+        let memory =
+            self.stream.start(memories, &self.layout).map_err(|error| self.failed("starting", &error))?;
         match memory {
             V4l2Memory::UserPointer => {
                 tracing::debug!("camera {}: frames are not copied", self.identity.serial)
@@ -141,10 +132,7 @@ impl Camera for V4l2Camera {
     }
 
     fn next(&mut self, timeout: Duration) -> Result<Event, CameraError> {
-        let Some((_, layout)) = &self.configured else {
-            return Err(self.misused("streaming", "it was not configured".into()));
-        };
-        let filled = match self.stream.next(layout, timeout) {
+        let filled = match self.stream.next(&self.layout, timeout) {
             Ok(Some(filled)) => filled,
             Ok(None) => return Ok(Event::Timeout),
             Err(error) => return Err(self.failed("streaming", &error)),
@@ -178,11 +166,5 @@ impl Camera for V4l2Camera {
 impl Drop for V4l2Camera {
     fn drop(&mut self) {
         self.stop();
-    }
-}
-
-impl fmt::Debug for V4l2Camera {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.debug_struct("V4l2Camera").field("identity", &self.identity).finish_non_exhaustive()
     }
 }

@@ -60,6 +60,19 @@ pub enum ConfigError {
         /// What to write.
         write: String,
     },
+    /// The driver was built without this kind of camera.
+    #[error(
+        "{place}: kind: found \"{kind}\", and this uvcam was built without it; install one that has it (build with the Cargo feature \
+         {kind}), or write a kind that this one has: {built_in}"
+    )]
+    NotBuiltIn {
+        /// File and line.
+        place: Place,
+        /// The kind.
+        kind: &'static str,
+        /// The kinds that there are.
+        built_in: String,
+    },
     /// The text is not TOML.
     #[error("{place}: not TOML: {cause}")]
     Syntax {

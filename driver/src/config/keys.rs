@@ -60,14 +60,6 @@ pub(super) const TABLES: [(&str, &[&str]); 6] = [
     ("[camera.realtime]", &["priority", "cpus"]),
 ];
 
-/// The kinds of `source`, and their keys beside `kind`.
-pub(super) const KINDS: [(&str, &[&str]); 4] = [
-    ("aravis", &["serial"]),
-    ("replay", &["path"]),
-    ("simulated", &["serial", "still", "readout_us", "faults"]),
-    ("v4l2", &["path", "serial", "memory", "gain_step_db", "fixed_exposure_us"]),
-];
-
 /// Words that other programs use, and ours.
 const ALSO_CALLED: [(&str, &str); 20] = [
     ("device", "path"),

@@ -19,13 +19,14 @@ impl Text<'_> {
             return self.twice(span.start, key);
         }
         let statement = Statement::at(self.text, span.start);
-        match statement.remedy(message) {
-            Some(write) => self.mistyped(span.start, &statement.key, statement.found(), write),
-            None => {
-                let cause = format!("{}: {message}", statement.line());
-                ConfigError::Syntax { place: self.place(span.start), cause }
+        let cause = match statement.remedy(message) {
+            Some(write) if !statement.key.is_empty() => {
+                return self.mistyped(span.start, &statement.key, statement.found(), write);
             }
-        }
+            Some(write) => format!("{}; {write}", statement.line()),
+            None => format!("{}: {message}", statement.line()),
+        };
+        ConfigError::Syntax { place: self.place(span.start), cause }
     }
 
     /// What is wrong with a document that has other keys, or values of other types, than a configuration.

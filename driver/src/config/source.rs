@@ -8,10 +8,17 @@ use toml::de::DeTable;
 
 use super::document::{EXPOSURE, Reader};
 use super::faults::FaultTable;
-use super::keys::{KINDS, nearest, suggestion};
+use super::keys::{nearest, suggestion};
 use super::{ConfigError, Simulated, Source, V4l2, V4l2Device, V4l2Memory};
+use crate::camera::source::is_built_in;
 
-const ALL_KINDS: &str = "\"aravis\", \"replay\", \"simulated\" or \"v4l2\"";
+/// The kinds of `source`, and their keys beside `kind`.
+const KINDS: [(&str, &[&str]); 4] = [
+    ("aravis", &["serial"]),
+    ("replay", &["path"]),
+    ("simulated", &["serial", "still", "readout_us", "faults"]),
+    ("v4l2", &["path", "serial", "memory", "gain_step_db", "fixed_exposure_us"]),
+];
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -53,10 +60,11 @@ impl Reader<'_> {
     fn check_source(&self, source: &DeTable<'_>) -> Result<(), ConfigError> {
         let Some((_, kind)) = source.get_key_value("kind") else { return self.without_kind(source) };
         let (place, Some(kind)) = (kind.span(), kind.get_ref().as_str()) else { return Ok(()) };
-        let Some((_, known)) = KINDS.iter().find(|(name, _)| *name == kind) else {
+        let Some((kind, known)) = KINDS.iter().find(|(name, _)| *name == kind) else {
             let found = format!("\"{kind}\"{}", suggestion(kind, &KINDS.map(|(name, _)| name)));
-            return Err(self.0.refuse(place, "kind", found, ALL_KINDS));
+            return Err(self.0.refuse(place, "kind", found, &kinds()));
         };
+        self.check_built_in(place, kind, is_built_in(kind))?;
         let strange =
             source.keys().filter(|key| key.get_ref() != "kind" && !known.contains(&key.get_ref().as_ref()));
         let Some(key) = strange.min_by_key(|key| key.span().start) else { return Ok(()) };
@@ -79,12 +87,27 @@ impl Reader<'_> {
         })
     }
 
+    /// What this program cannot open is refused before it flies.
+    pub(super) fn check_built_in(
+        &self,
+        place: Range<usize>,
+        kind: &'static str,
+        is_built_in: bool,
+    ) -> Result<(), ConfigError> {
+        match is_built_in {
+            true => Ok(()),
+            false => {
+                Err(ConfigError::NotBuiltIn { place: self.0.place(place.start), kind, built_in: kinds() })
+            }
+        }
+    }
+
     /// Another word may stand for it.
     fn without_kind(&self, source: &DeTable<'_>) -> Result<(), ConfigError> {
         match source.keys().find(|key| nearest(key.get_ref(), &["kind"]).is_some()) {
             Some(key) => {
                 let found = format!("an unknown key{}", suggestion(key.get_ref(), &["kind"]));
-                Err(self.0.refuse(key.span(), key.get_ref(), found, &format!("kind = {ALL_KINDS}")))
+                Err(self.0.refuse(key.span(), key.get_ref(), found, &format!("kind = {}", kinds())))
             }
             None => Ok(()),
         }
@@ -168,5 +191,57 @@ impl Reader<'_> {
 
     fn missing(&self, key: &str, span: Range<usize>) -> ConfigError {
         self.0.refuse(span, key, "nothing".into(), "this key must be written")
+    }
+}
+
+/// The kinds that this program has, for a message.
+fn kinds() -> String {
+    let built_in = KINDS.iter().filter(|(kind, _)| is_built_in(kind));
+    let names: Vec<String> = built_in.map(|(kind, _)| format!("\"{kind}\"")).collect();
+    match names.split_last() {
+        Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+        _ => names.concat(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::Config;
+    use super::super::error::Text;
+    use super::*;
+    use crate::camera::source;
+
+    const FILE: &str = "/etc/uvcam/uvcam.toml";
+
+    fn text(kind: &str) -> String {
+        let which = if kind == "replay" { "path" } else { "serial" };
+        format!(
+            "[[camera]]\nname = \"left\"\nsource = {{ kind = \"{kind}\", {which} = \"42\" }}\nwidth = 64\nheight = 48\nfps = 50\n\
+             exposure_us = 1000\nmask = \"none\"\n"
+        )
+    }
+
+    #[test]
+    fn a_kind_that_is_not_built_in_is_refused_with_its_line() {
+        let text = text("aravis");
+        let reader = Reader(Text { text: &text, file: Path::new(FILE) });
+        let place = text.find("\"aravis\"").unwrap();
+        reader.check_built_in(place..place, "aravis", true).unwrap();
+        let message = reader.check_built_in(place..place, "aravis", false).unwrap_err().to_string();
+        let start = "/etc/uvcam/uvcam.toml:3: kind: found \"aravis\", and this uvcam was built without it; install one that has it (build \
+                     with the Cargo feature aravis), or write a kind that this one has: ";
+        assert_eq!(message, format!("{start}{}", kinds()));
+    }
+
+    #[test]
+    fn exactly_the_kinds_that_are_built_in_are_taken() {
+        for (kind, is_built_in) in source::KINDS {
+            let outcome = Config::parse(&text(kind), Path::new(FILE));
+            assert_eq!(outcome.is_ok(), is_built_in, "{kind}: {outcome:?}");
+            assert_eq!(kinds().contains(kind), is_built_in, "{kind}");
+            assert_eq!(matches!(outcome, Err(ConfigError::NotBuiltIn { .. })), !is_built_in, "{kind}");
+        }
     }
 }

@@ -121,10 +121,11 @@ impl Statement {
 /// What to write instead of a line without a key and its value.
 fn without_value(line: &str) -> Option<String> {
     if line.starts_with('[') {
-        return Some(match heading(line) {
-            "camera" => "write [[camera]]".into(),
-            heading => format!("write [{heading}]"),
-        });
+        return match heading(line) {
+            "" => Some("write a name between the brackets".into()),
+            "camera" => Some("write [[camera]]".into()),
+            heading => Some(format!("write [{heading}]")),
+        };
     }
     if ["//", ";", "--", "/*", "%"].iter().any(|mark| line.starts_with(mark)) {
         return Some("write # before a comment".into());

@@ -5,7 +5,7 @@ use std::net::{IpAddr, Ipv4Addr};
 
 use super::machine::Machine;
 use super::{Check, Finding, Severity};
-use crate::camera::aravis::SOCKET_FRAMES;
+use crate::camera::SOCKET_FRAMES;
 use crate::config::{Config, Source};
 
 /// The kernel's bound of a socket buffer.

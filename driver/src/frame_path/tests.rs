@@ -16,13 +16,13 @@ mod laws;
 mod loss;
 
 /// Shared memory that no other test uses.
-struct Place {
-    settings: Settings,
+pub(crate) struct Place {
+    pub(crate) settings: Settings,
     _folder: tempfile::TempDir,
 }
 
 impl Place {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let folder = tempfile::Builder::new().prefix("path").tempdir_in("/tmp").unwrap();
         let prefix = folder.path().file_name().unwrap().to_str().unwrap().replace('.', "");
         let settings = Settings { prefix, root_path: folder.path().into(), ..Settings::default() };
@@ -41,7 +41,7 @@ impl Drop for Place {
     }
 }
 
-fn identity() -> Identity {
+pub(crate) fn identity() -> Identity {
     Identity {
         kind: "simulated",
         vendor: String::new(),
@@ -52,7 +52,7 @@ fn identity() -> Identity {
     }
 }
 
-fn applied(width: u32, height: u32) -> Applied {
+pub(crate) fn applied(width: u32, height: u32) -> Applied {
     Applied {
         width,
         height,

@@ -16,18 +16,36 @@ const PATIENCE: Duration = Duration::from_secs(3);
 /// Time between looks at them.
 const NAP: Duration = Duration::from_millis(10);
 
+/// Closes the camera of this name; returns the thread that does it, where it is not done.
+type Close = fn(&str, Box<dyn Camera>) -> Option<JoinHandle<()>>;
+
 /// The threads that close cameras.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Closing {
+    close: Close,
     threads: Vec<JoinHandle<()>>,
 }
 
+impl Default for Closing {
+    fn default() -> Self {
+        Closing::by(elsewhere)
+    }
+}
+
+/// Closes a camera on a thread of its own; here, where there is none to be had.
+fn elsewhere(name: &str, camera: Box<dyn Camera>) -> Option<JoinHandle<()>> {
+    Builder::new().name(format!("{name}-close")).spawn(move || drop(camera)).ok()
+}
+
 impl Closing {
-    /// Closes a camera elsewhere; here, where there is no thread to be had.
+    /// Closes cameras in this way.
+    pub(super) fn by(close: Close) -> Self {
+        Closing { close, threads: Vec::new() }
+    }
+
+    /// Closes a camera.
     pub(super) fn close(&mut self, name: &str, camera: Box<dyn Camera>) {
-        if let Ok(thread) = Builder::new().name(format!("{name}-close")).spawn(move || drop(camera)) {
-            self.threads.push(thread);
-        }
+        self.threads.extend((self.close)(name, camera));
     }
 
     /// Whether no more than [`CLOSING`] cameras are on their way out.

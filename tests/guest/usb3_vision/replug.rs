@@ -23,8 +23,9 @@ fn plug(serial: &str) -> Plugged<Camera> {
 #[test]
 fn unplugging_one_camera_costs_the_other_nothing() {
     let (left, _right) = (plug("U3V1"), plug("U3V2"));
-    let stage = Stage::new(&(camera("left", "U3V1") + &camera("right", "U3V2")));
-    stage.write_mask("mask.png", SIZE, 100);
+    let right = camera("right", "U3V2").replace("mask.png", "right.png");
+    let stage = Stage::new(&(camera("left", "U3V1") + &right));
+    ["mask.png", "right.png"].map(|mask| stage.write_mask(mask, SIZE, 100));
     let (mut lefts, mut rights) = (stage.subscriber("left"), stage.subscriber("right"));
     let _driver = stage.driver();
     next_frame(&mut lefts);

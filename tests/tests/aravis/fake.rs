@@ -3,9 +3,9 @@
 use std::collections::HashSet;
 use std::thread;
 
-use uvcam::camera::aravis::AravisCamera;
-use uvcam::camera::{Camera, CameraError, Settings};
+use uvcam::camera::{CameraError, Settings};
 use uvcam_shm_ipc::PixelFormat;
+use uvcam_tests::open_aravis;
 
 use crate::{SETTINGS, SLOTS, Slots, is_ramp, ready, whole};
 
@@ -15,7 +15,7 @@ const SERIAL: &str = "Fake_1";
 const FAST: Settings = Settings { width: 64, height: 48, fps: 500.0, exposure_us: 1000.0, ..SETTINGS };
 
 fn refusal(settings: &Settings) -> String {
-    let mut camera = AravisCamera::open(SERIAL).unwrap();
+    let mut camera = open_aravis(SERIAL).unwrap();
     match camera.configure(settings) {
         Err(error @ CameraError::Refused { .. }) => error.to_string(),
         other => panic!("a refusal was expected, not {other:?}"),
@@ -24,19 +24,19 @@ fn refusal(settings: &Settings) -> String {
 
 #[test]
 fn tells_who_it_is() {
-    let camera = AravisCamera::open(SERIAL).unwrap();
+    let camera = open_aravis(SERIAL).unwrap();
     let identity = camera.identity();
     assert_eq!((identity.kind, &*identity.vendor, &*identity.model), ("aravis", "Aravis", "Fake"));
 }
 
 #[test]
 fn is_not_listed() {
-    assert!(uvcam::camera::aravis::list().iter().all(|identity| identity.transport != "Fake"));
+    assert!(uvcam::camera::source::list().iter().all(|identity| identity.transport != "Fake"));
 }
 
 #[test]
 fn applied_is_what_the_camera_reads_back() {
-    let mut camera = AravisCamera::open(SERIAL).unwrap();
+    let mut camera = open_aravis(SERIAL).unwrap();
     // It counts the period in whole microseconds.
     let applied = camera.configure(&Settings { fps: 60.0, exposure_us: 1234.0, ..SETTINGS }).unwrap();
     assert_eq!(applied.fps, 1e6 / 16_666.0);
@@ -49,7 +49,7 @@ fn applied_is_what_the_camera_reads_back() {
 
 #[test]
 fn frames_appear_in_the_queued_slots() {
-    let mut camera = AravisCamera::open(SERIAL).unwrap();
+    let mut camera = open_aravis(SERIAL).unwrap();
     let applied = camera.configure(&Settings { exposure_us: 10_000.0, fps: 100.0, ..FAST }).unwrap();
     let slots = Slots::new(applied.payload_bytes);
     let mut addresses = HashSet::new();
@@ -63,7 +63,7 @@ fn frames_appear_in_the_queued_slots() {
     camera.start().unwrap();
     let mut last = None;
     for _ in 0..500 {
-        let mut capture = whole(&mut camera);
+        let mut capture = whole(camera.as_mut());
         assert!(addresses.contains(&capture.slot.address()));
         assert!(is_ramp(capture.slot.pixels_mut(), 64));
         assert_eq!(capture.frame_id, last.map_or(0, |last| last + 1));
@@ -107,13 +107,13 @@ fn a_region_beyond_the_sensor_is_refused() {
 fn gain_in_unknown_steps_is_refused_unless_zero() {
     let message = refusal(&Settings { gain_db: 3.0, ..SETTINGS });
     assert!(message.contains("gain_db = 3 refused") && message.contains("GainRaw"), "{message}");
-    let mut camera = AravisCamera::open(SERIAL).unwrap();
+    let mut camera = open_aravis(SERIAL).unwrap();
     assert_eq!(camera.configure(&SETTINGS).unwrap().gain_db, 0.0);
 }
 
 #[test]
 fn a_slot_of_another_size_is_refused() {
-    let mut camera = AravisCamera::open(SERIAL).unwrap();
+    let mut camera = open_aravis(SERIAL).unwrap();
     let slots = Slots::new(100);
     let slot = slots.publisher.loan().unwrap();
     assert!(matches!(camera.queue(slot), Err(CameraError::Device { .. })));
@@ -124,7 +124,7 @@ fn a_slot_of_another_size_is_refused() {
 
 #[test]
 fn a_camera_that_refused_its_settings_does_not_start() {
-    let mut camera = AravisCamera::open(SERIAL).unwrap();
+    let mut camera = open_aravis(SERIAL).unwrap();
     camera.configure(&SETTINGS).unwrap();
     camera.configure(&Settings { fps: 2000.0, ..SETTINGS }).unwrap_err();
     assert!(matches!(camera.start(), Err(CameraError::Device { .. })));
@@ -135,13 +135,13 @@ fn stopping_gives_the_slots_back() {
     let (mut camera, _, slots) = ready(SERIAL, &FAST);
     assert!(slots.publisher.loan().is_err());
     camera.start().unwrap();
-    let capture = whole(&mut camera);
+    let capture = whole(camera.as_mut());
     camera.queue(capture.slot).unwrap();
     camera.stop();
     // All of them, for another run.
-    slots.queue_all(&mut camera);
+    slots.queue_all(camera.as_mut());
     camera.start().unwrap();
-    assert_eq!(whole(&mut camera).frame_id, 0);
+    assert_eq!(whole(camera.as_mut()).frame_id, 0);
     drop(camera);
     let loans: Vec<_> = std::iter::from_fn(|| slots.publisher.loan().ok()).collect();
     assert_eq!(loans.len(), SLOTS);
@@ -151,23 +151,23 @@ fn stopping_gives_the_slots_back() {
 fn another_frame_size_takes_other_slots() {
     let (mut camera, _, slots) = ready(SERIAL, &FAST);
     camera.start().unwrap();
-    drop(whole(&mut camera));
+    drop(whole(camera.as_mut()));
     let applied = camera.configure(&Settings { width: 128, ..FAST }).unwrap();
     drop(slots);
     let slots = Slots::new(applied.payload_bytes);
-    slots.queue_all(&mut camera);
+    slots.queue_all(camera.as_mut());
     camera.start().unwrap();
-    assert_eq!(whole(&mut camera).slot.len(), 128 * 48);
+    assert_eq!(whole(camera.as_mut()).slot.len(), 128 * 48);
 }
 
 #[test]
 fn a_slot_may_be_kept_while_the_camera_goes_on() {
     let (mut camera, _, _slots) = ready(SERIAL, &FAST);
     camera.start().unwrap();
-    let mut kept = whole(&mut camera);
+    let mut kept = whole(camera.as_mut());
     let pixels = kept.slot.pixels_mut().to_vec();
     for _ in 0..20 {
-        let capture = whole(&mut camera);
+        let capture = whole(camera.as_mut());
         camera.queue(capture.slot).unwrap();
     }
     assert_eq!(kept.slot.pixels_mut(), pixels);
@@ -180,9 +180,9 @@ fn many_threads_open_at_once() {
             scope.spawn(|| {
                 let (mut camera, ..) = ready(SERIAL, &FAST);
                 camera.start().unwrap();
-                whole(&mut camera);
+                whole(camera.as_mut());
             });
         }
-        scope.spawn(uvcam::camera::aravis::list);
+        scope.spawn(uvcam::camera::source::list);
     });
 }

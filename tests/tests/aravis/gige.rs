@@ -2,12 +2,13 @@
 
 use std::time::Duration;
 
-use uvcam::camera::aravis::{AravisCamera, Finder, list};
-use uvcam::camera::{Camera, CameraError, Capture, Event, Settings};
+use uvcam::camera::source::{self, Source, list};
+use uvcam::camera::{CameraError, Capture, Event, Settings};
 use uvcam::realtime::Realtime;
 
 use uvcam_emulated::gige_vision::{self, ADDRESS};
 use uvcam_tests::network::{in_namespace, in_namespace_without_net_raw};
+use uvcam_tests::open_aravis;
 
 use crate::{PATIENCE, SETTINGS, SLOTS, is_ramp, ready, whole};
 
@@ -19,7 +20,7 @@ fn five_hundred_frames_without_a_loss() {
         camera.start().unwrap();
         let mut last: Option<(u64, u64, u64)> = None;
         for _ in 0..500 {
-            let mut capture = whole(&mut camera);
+            let mut capture = whole(camera.as_mut());
             assert!(is_ramp(capture.slot.pixels_mut(), 640));
             let device_ns = capture.device_timestamp_ns.expect("it has a clock");
             if let Some((frame_id, last_device_ns, arrival_ns)) = last {
@@ -43,7 +44,7 @@ fn the_thread_that_completes_frames_is_scheduled_as_the_one_that_opened_the_came
             Realtime { priority: 0, cpus: vec![0] }.apply("GV7");
             let (mut camera, ..) = ready(ADDRESS, &SETTINGS);
             camera.start().unwrap();
-            whole(&mut camera);
+            whole(camera.as_mut());
             let tasks = std::fs::read_dir("/proc/self/task").unwrap().flatten();
             let stream = tasks
                 .map(|task| std::fs::read_to_string(task.path().join("status")).unwrap())
@@ -65,7 +66,7 @@ fn found_by_serial_device_id_and_address() {
             ("GV7", "GigEVision", ADDRESS)
         );
         for name in ["GV7", "Aravis-Fake-GV7", ADDRESS] {
-            assert_eq!(AravisCamera::open(name).unwrap().identity(), identity, "{name}");
+            assert_eq!(open_aravis(name).unwrap().identity(), identity, "{name}");
         }
     });
 }
@@ -76,9 +77,9 @@ fn white_space_around_a_serial_is_none_of_it() {
         let _program = gige_vision::Camera::start(" GV7 ", 0);
         // The first time by a search, then where it was.
         for wanted in ["GV7", "GV7 "] {
-            let mut finder = Finder::new(wanted);
+            let mut source = source::of(&Source::Aravis { serial: wanted.into() });
             for _ in 0..2 {
-                assert_eq!(finder.open().unwrap().identity().serial, "GV7");
+                assert_eq!(source.open().unwrap().identity().serial, "GV7");
             }
         }
     });
@@ -90,7 +91,7 @@ fn a_serial_controls_no_terminal() {
         let _program = gige_vision::Camera::start("GV\u{1b}[2J7", 0);
         let listed = list();
         assert_eq!(listed[0].serial, "GV\u{fffd}[2J7");
-        assert!(!AravisCamera::open("GV8").unwrap_err().to_string().contains('\u{1b}'));
+        assert!(!open_aravis("GV8").unwrap_err().to_string().contains('\u{1b}'));
     });
 }
 
@@ -100,7 +101,7 @@ fn a_missing_camera_names_those_that_are_there() {
         let _program = gige_vision::Camera::start("GV7", 0);
         // A number is a serial, not the address 0.0.48.57.
         for wanted in ["GV8", "12345"] {
-            let error = AravisCamera::open(wanted).unwrap_err();
+            let error = open_aravis(wanted).unwrap_err();
             assert!(matches!(error, CameraError::Absent { .. }), "{error}");
             let message = error.to_string();
             assert!(
@@ -114,7 +115,7 @@ fn a_missing_camera_names_those_that_are_there() {
 #[test]
 fn an_address_without_a_camera_is_absent() {
     in_namespace("gige::an_address_without_a_camera_is_absent", || {
-        let error = AravisCamera::open(ADDRESS).unwrap_err();
+        let error = open_aravis(ADDRESS).unwrap_err();
         assert!(matches!(error, CameraError::Absent { .. }), "{error}");
     });
 }
@@ -123,8 +124,8 @@ fn an_address_without_a_camera_is_absent() {
 fn a_camera_in_use_is_refused() {
     in_namespace("gige::a_camera_in_use_is_refused", || {
         let _program = gige_vision::Camera::start("GV7", 0);
-        let _first = AravisCamera::open(ADDRESS).unwrap();
-        let error = AravisCamera::open(ADDRESS).unwrap_err();
+        let _first = open_aravis(ADDRESS).unwrap();
+        let error = open_aravis(ADDRESS).unwrap_err();
         assert!(error.to_string().contains("another program controls it"), "{error}");
     });
 }
@@ -133,7 +134,7 @@ fn a_camera_in_use_is_refused() {
 fn a_refused_setting_names_the_range() {
     in_namespace("gige::a_refused_setting_names_the_range", || {
         let _program = gige_vision::Camera::start("GV7", 0);
-        let mut camera = AravisCamera::open(ADDRESS).unwrap();
+        let mut camera = open_aravis(ADDRESS).unwrap();
         let error = camera.configure(&Settings { exposure_us: 1.0, ..SETTINGS }).unwrap_err();
         assert!(error.is_refusal() && error.to_string().contains("10 to 10000000"), "{error}");
         // Nothing of it sticks.
@@ -181,7 +182,7 @@ fn frames_that_find_no_slot_are_counted() {
         let _program = gige_vision::Camera::start("GV7", 0);
         let (mut camera, ..) = ready(ADDRESS, &SETTINGS);
         camera.start().unwrap();
-        let held: Vec<_> = (0..SLOTS).map(|_| whole(&mut camera)).collect();
+        let held: Vec<_> = (0..SLOTS).map(|_| whole(camera.as_mut())).collect();
         let event = camera.next(Duration::from_millis(200)).unwrap();
         assert!(matches!(event, Event::Timeout), "{event:?} without a slot");
         // The camera draws its own count of frames: the ramp begins with it, modulo 255.
@@ -213,7 +214,7 @@ fn a_killed_camera_is_disconnected_and_opens_again() {
         let program = gige_vision::Camera::start("GV7", 0);
         let (mut camera, ..) = ready(ADDRESS, &SETTINGS);
         camera.start().unwrap();
-        let capture = whole(&mut camera);
+        let capture = whole(camera.as_mut());
         camera.queue(capture.slot).unwrap();
         drop(program);
         // Frames on their way, then the patience of the library's heartbeat, 5 s.
@@ -226,7 +227,7 @@ fn a_killed_camera_is_disconnected_and_opens_again() {
         let (mut camera, ..) = ready(ADDRESS, &SETTINGS);
         camera.start().unwrap();
         for frame_id in 0..25 {
-            let capture = whole(&mut camera);
+            let capture = whole(camera.as_mut());
             assert_eq!(capture.frame_id, frame_id);
             camera.queue(capture.slot).unwrap();
         }
@@ -241,7 +242,7 @@ fn streams_without_the_right_to_packet_sockets() {
         let (mut camera, ..) = ready(ADDRESS, &Settings { width: 320, height: 200, ..SETTINGS });
         camera.start().unwrap();
         for frame_id in 0..50 {
-            let mut capture = whole(&mut camera);
+            let mut capture = whole(camera.as_mut());
             assert_eq!(capture.frame_id, frame_id);
             assert!(is_ramp(capture.slot.pixels_mut(), 320));
             camera.queue(capture.slot).unwrap();

@@ -9,10 +9,9 @@ mod supervision;
 
 use std::time::Duration;
 
-use uvcam::camera::aravis::AravisCamera;
 use uvcam::camera::{Applied, Camera, Capture, Event, Settings};
 use uvcam_shm_ipc::{PixelFormat, Publisher};
-use uvcam_tests::SharedMemory;
+use uvcam_tests::{SharedMemory, open_aravis};
 
 /// What the emulated cameras can do. At 10 ms exposure and no gain their picture is exactly a ramp.
 const SETTINGS: Settings = Settings {
@@ -56,11 +55,11 @@ impl Slots {
 }
 
 /// Opens and configures a camera and queues all slots.
-fn ready(serial: &str, settings: &Settings) -> (AravisCamera, Applied, Slots) {
-    let mut camera = AravisCamera::open(serial).unwrap();
+fn ready(serial: &str, settings: &Settings) -> (Box<dyn Camera>, Applied, Slots) {
+    let mut camera = open_aravis(serial).unwrap();
     let applied = camera.configure(settings).unwrap();
     let slots = Slots::new(applied.payload_bytes);
-    slots.queue_all(&mut camera);
+    slots.queue_all(camera.as_mut());
     (camera, applied, slots)
 }
 

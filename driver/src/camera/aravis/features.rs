@@ -6,8 +6,7 @@ use aravis::glib::object::Cast;
 use aravis::prelude::*;
 use aravis::{DeviceError, GcFloat, GcInteger};
 
-use crate::camera::grid::Grid;
-use crate::camera::{CameraError, told, verify};
+use crate::camera::{CameraError, Grid, told, verify};
 
 /// The features of one opened device.
 pub(super) struct Features<'a> {

@@ -11,7 +11,8 @@ use std::time::{Duration, Instant};
 use super::discovery::{self, Transport};
 use super::usb::{self, UsbDevice};
 use super::{AravisCamera, KIND};
-use crate::camera::{CameraError, Identity, told};
+use crate::camera::source::CameraSource;
+use crate::camera::{Camera, CameraError, Identity, told};
 
 /// Time between searches for a camera that is not where it was: a GigE Vision camera may have got another address.
 const SEARCH_PERIOD: Duration = Duration::from_secs(2);
@@ -20,7 +21,7 @@ const ANSWER: Duration = Duration::from_millis(100);
 
 /// Finds one camera.
 #[derive(Debug)]
-pub struct Finder {
+pub(in crate::camera) struct Finder {
     /// The serial, device id or IPv4 address, as the configuration has it.
     wanted: String,
     /// The camera as it was found last.
@@ -42,7 +43,7 @@ enum Look {
 
 impl Finder {
     /// For the camera whose serial, device id or IPv4 address is `wanted`.
-    pub fn new(wanted: &str) -> Self {
+    pub(in crate::camera) fn new(wanted: &str) -> Self {
         Finder {
             wanted: wanted.trim().to_owned(),
             last: None,
@@ -56,7 +57,7 @@ impl Finder {
     ///
     /// # Errors
     /// Those of [`AravisCamera::open`].
-    pub fn open(&mut self) -> Result<AravisCamera, CameraError> {
+    fn open_camera(&mut self) -> Result<AravisCamera, CameraError> {
         let opened = match self.look() {
             Look::There(last) if self.address().is_none() => discovery::reopen(&last).map(AravisCamera::of),
             Look::There(_) | Look::Unknown => AravisCamera::open(&self.wanted),
@@ -140,6 +141,12 @@ impl Finder {
             self.next_search = Some(now + SEARCH_PERIOD);
         }
         is_due
+    }
+}
+
+impl CameraSource for Finder {
+    fn open(&mut self) -> Result<Box<dyn Camera>, CameraError> {
+        Ok(Box::new(self.open_camera()?))
     }
 }
 

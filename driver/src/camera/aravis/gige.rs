@@ -16,13 +16,12 @@ use rustix::net::sockopt;
 use rustix::thread::CapabilitySet;
 use tracing::warn;
 
+use crate::camera::SOCKET_FRAMES;
 use crate::realtime;
 
 /// How long a frame may lack a packet while no other frame begins, microseconds. Long enough for a busy sender: a frame is over
 /// anyway with the first packet of the next one, so no frame waits for it.
 const FRAME_RETENTION_US: u32 = 500_000;
-/// Frames that a plain socket is to hold while the receiving thread does not run: 130 ms at 60 fps.
-pub(crate) const SOCKET_FRAMES: usize = 8;
 /// Frames below which it is not trusted: 33 ms at 60 fps, longer than a busy system keeps a thread waiting.
 const FEWEST_FRAMES: usize = 2;
 

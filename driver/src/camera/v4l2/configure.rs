@@ -8,8 +8,8 @@ use v4l::fraction::Fraction;
 use super::controls::{self, Failure};
 use super::device::Device;
 use super::format::{self, Layout};
+use crate::camera::source::{V4l2, V4l2Memory};
 use crate::camera::{Applied, CameraError, Settings, frame_rate_tolerance, verify};
-use crate::config::{V4l2, V4l2Memory};
 
 /// A time per frame is asked for as this many parts of a second by as many times the rate.
 const INTERVAL_UNITS: f64 = 10_000.0;

@@ -5,9 +5,8 @@ use std::io;
 use rustix::io::Errno;
 use v4l::v4l_sys::*;
 
-use crate::camera::grid::Grid;
-use crate::camera::{CameraError, GAIN_TOLERANCE_DB, Settings, exposure_tolerance_us, verify};
-use crate::config::V4l2;
+use crate::camera::source::V4l2;
+use crate::camera::{CameraError, GAIN_TOLERANCE_DB, Grid, Settings, exposure_tolerance_us, verify};
 
 /// A device's controls, by their ids (V4L2_CID_*).
 pub(super) trait Controls {

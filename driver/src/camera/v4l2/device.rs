@@ -27,8 +27,8 @@ use v4l::video::capture::Parameters;
 
 use super::controls::{Controls, Range};
 use super::format::FourCc;
+use crate::camera::source::V4l2Memory;
 use crate::camera::told;
-use crate::config::V4l2Memory;
 
 /// Formats that are looked at, should a driver's list never end.
 const MOST_FORMATS: u32 = 256;

@@ -8,8 +8,8 @@ use rustix::io::Errno;
 
 use super::KIND;
 use super::device::{Capability, Device};
+use crate::camera::source::V4l2Device;
 use crate::camera::{CameraError, Identity, listed, told};
-use crate::config::V4l2Device;
 
 /// Every video device has a folder here, of the name of its node (sysfs).
 const NODES: &str = "/sys/class/video4linux";

@@ -8,7 +8,7 @@ use v4l::v4l_sys::{v4l2_field_V4L2_FIELD_NONE, v4l2_pix_format};
 use crate::camera::{CameraError, Settings};
 
 /// A format of <linux/videodev2.h>, by its four characters in the order of memory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct FourCc(pub(super) [u8; 4]);
 
 /// V4L2_PIX_FMT_GREY: one byte a pixel.
@@ -56,7 +56,7 @@ pub(super) fn choose(pixel_format: PixelFormat, offered: &[FourCc]) -> Result<Fo
 }
 
 /// How a frame lies in the device's memory, and what becomes of it in a slot, whose rows have no padding.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Layout {
     fourcc: FourCc,
     /// Bytes of a row in the slot.

@@ -1,10 +1,10 @@
 //! Slots that a device fills: by itself, through user pointers, or by one copy from a buffer of the kernel.
 //!
 //! Laws, on which every `unsafe` here rests:
-//! 1. The memory of a user-pointer buffer is that of the slot that [`UserBuffer::queued`] holds. A slot's memory neither moves
+//! 1. The memory of a user-pointer buffer is that of the slot that [`UserBuffer::Device`] holds. A slot's memory neither moves
 //!    nor ends while the slot exists.
 //! 2. The device writes into a buffer from its queueing until it is dequeued, the stream is switched off, or the device is
-//!    closed, and at no other time. All that while the slot lies in `queued`: nobody else can touch its pixels.
+//!    closed, and at no other time. All that while the buffer is [`UserBuffer::Device`]: nobody else can touch the slot's pixels.
 //! 3. Where the stream cannot be switched off, the slots stay until the device is closed: it is the first of the fields.
 //! 4. A mapping is memory that the kernel filled, of the length that it was mapped with, until it is unmapped. While its buffer
 //!    is dequeued nobody writes into it.
@@ -18,7 +18,7 @@ use uvcam_shm_ipc::{Slot, monotonic_ns};
 
 use super::device::{Dequeued, Device, Ready};
 use super::format::Layout;
-use crate::config::V4l2Memory;
+use crate::camera::source::V4l2Memory;
 
 /// The most buffers that a device has (VIDEO_MAX_FRAME).
 const MOST_BUFFERS: usize = 32;
@@ -38,12 +38,24 @@ enum Buffers {
     Mapped(Vec<Mapping>),
 }
 
-/// A place for a slot's memory. The kernel prepares memory that comes to another place than before anew, at some cost.
-#[derive(Default)]
-struct UserBuffer {
-    /// Where the last slot lay.
-    address: usize,
-    queued: Option<Slot>,
+/// A place for a slot's memory, by who has it.
+enum UserBuffer {
+    /// Nobody. The last slot lay at `address`: the kernel prepares memory that comes to another place than before anew, at some cost.
+    Free { address: usize },
+    /// The device: it writes into this slot.
+    Device(Slot),
+}
+
+impl UserBuffer {
+    /// Takes the slot back from the device, which must be done with it; `None` where it had none.
+    fn take(&mut self) -> Option<Slot> {
+        let UserBuffer::Device(slot) = self else { return None };
+        let free = UserBuffer::Free { address: slot.address() };
+        match std::mem::replace(self, free) {
+            UserBuffer::Device(slot) => Some(slot),
+            UserBuffer::Free { .. } => None,
+        }
+    }
 }
 
 /// A slot that a frame came into.
@@ -134,7 +146,8 @@ impl Stream {
         match memory {
             V4l2Memory::UserPointer => {
                 let count = self.device.request_buffers(memory, MOST_BUFFERS)?.min(MOST_BUFFERS);
-                self.buffers = Buffers::UserPointer((0..count).map(|_| UserBuffer::default()).collect());
+                self.buffers =
+                    Buffers::UserPointer((0..count).map(|_| UserBuffer::Free { address: 0 }).collect());
                 self.hand_over()
             }
             V4l2Memory::Mapped => {
@@ -158,20 +171,23 @@ impl Stream {
     fn hand_over(&mut self) -> io::Result<()> {
         let Buffers::UserPointer(buffers) = &mut self.buffers else { return Ok(()) };
         while let Some(mut slot) = self.waiting.pop_front() {
-            let free = |buffer: &&UserBuffer| buffer.queued.is_none();
-            let address = slot.address();
-            let known = buffers.iter().position(|buffer| free(&buffer) && buffer.address == address);
-            let Some(place) = known.or_else(|| buffers.iter().position(|buffer| free(&buffer))) else {
+            let is_free = |buffer: &UserBuffer| matches!(buffer, UserBuffer::Free { .. });
+            let is_its_own = |buffer: &UserBuffer| match buffer {
+                UserBuffer::Free { address } => *address == slot.address(),
+                UserBuffer::Device(_) => false,
+            };
+            let place = buffers.iter().position(is_its_own).or_else(|| buffers.iter().position(is_free));
+            let Some(place) = place else {
                 self.waiting.push_front(slot);
                 return Ok(());
             };
-            // SAFETY: laws 1 and 2: the slot lies in `queued` from here on.
+            // SAFETY: laws 1 and 2: the buffer is the device's from here on.
             let outcome = unsafe { self.device.queue_user_pointer(place, slot.as_mut_ptr(), slot.len()) };
             if let Err(error) = outcome {
                 self.waiting.push_front(slot);
                 return Err(error);
             }
-            buffers[place] = UserBuffer { address, queued: Some(slot) };
+            buffers[place] = UserBuffer::Device(slot);
         }
         Ok(())
     }
@@ -189,7 +205,7 @@ impl Stream {
         match &mut self.buffers {
             Buffers::UserPointer(buffers) => {
                 let buffer = buffers.get_mut(done.index).ok_or_else(unknown)?;
-                let slot = buffer.queued.take().ok_or_else(unknown)?;
+                let slot = buffer.take().ok_or_else(unknown)?;
                 let frame = frame_within(slot.len());
                 self.hand_over()?;
                 Ok(Some((slot, frame)))
@@ -219,8 +235,8 @@ impl Stream {
         }
         let memory = match std::mem::replace(&mut self.buffers, Buffers::None) {
             Buffers::None => return,
-            Buffers::UserPointer(buffers) => {
-                self.waiting.extend(buffers.into_iter().filter_map(|buffer| buffer.queued));
+            Buffers::UserPointer(mut buffers) => {
+                self.waiting.extend(buffers.iter_mut().filter_map(UserBuffer::take));
                 V4l2Memory::UserPointer
             }
             // Unmapped here: the kernel frees no buffer that is mapped.

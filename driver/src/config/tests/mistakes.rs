@@ -162,6 +162,15 @@ fn cameras_in_single_brackets() {
 }
 
 #[test]
+fn headings_without_a_name() {
+    check(&[
+        ("[[camera]]", "[", "uvcam.toml:2: not TOML: [; write a name between the brackets"),
+        ("[[camera]]", "[[]", "uvcam.toml:2: not TOML: [[]; write a name between the brackets"),
+        ("exposure_us = 1000", "= 1000", "uvcam.toml:8: not TOML: "),
+    ]);
+}
+
+#[test]
 fn keys_at_the_wrong_place() {
     check(&[
         (

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use uvcam_shm_ipc::PixelFormat;
 
 use super::*;
-use crate::config::V4l2Device;
+use crate::camera::source::V4l2Device;
 
 /// A control's values, and how the device deviates from what it is asked.
 #[derive(Clone, Copy)]

@@ -1,4 +1,4 @@
-//! Frame counts of devices whose counters wrap around.
+//! Frame counts from the ids of devices, which can wrap around.
 
 /// Turns the ids that a device sends into a count that only grows.
 ///
@@ -6,7 +6,7 @@
 /// 64 bits and do not wrap. A device does not say which it uses, nor need it: an id can only fall where 16 bits wrapped.
 /// A gap of 65535 frames or more cannot be told from a shorter one on a 16-bit device.
 #[derive(Debug, Default)]
-pub(crate) struct FrameIdUnwrapper {
+pub(super) struct FrameIdUnwrapper {
     last: Option<Last>,
 }
 
@@ -22,7 +22,7 @@ const WRAP: u64 = 65535;
 impl FrameIdUnwrapper {
     /// The count of the frame with the device's id `id`: 0 for the first frame, then one more for every frame that the device
     /// produced. A device that repeats an id does not count; its frames then follow one another without a gap.
-    pub(crate) fn unwrap(&mut self, id: u64) -> u64 {
+    pub(super) fn unwrap(&mut self, id: u64) -> u64 {
         let count = match self.last {
             None => 0,
             Some(last) => last.count + step(last.id, id),
@@ -44,50 +44,9 @@ fn step(last: u64, id: u64) -> u64 {
     1
 }
 
-/// Turns the sequence numbers of V4L2 buffers into a count that only grows. They have 32 bits and wrap to 0.
-#[derive(Debug, Default)]
-pub(crate) struct SequenceUnwrapper {
-    last: Option<(u32, u64)>,
-}
-
-impl SequenceUnwrapper {
-    /// The count of the frame with this sequence number: 0 for the first frame, then one more for every frame that the device
-    /// produced. A driver that does not count, or began anew, tells nothing about frames in between.
-    pub(crate) fn unwrap(&mut self, sequence: u32) -> u64 {
-        let count = match self.last {
-            None => 0,
-            Some((last, count)) => match sequence.wrapping_sub(last) {
-                0 | 0x8000_0000.. => count + 1,
-                step => count + u64::from(step),
-            },
-        };
-        self.last = Some((sequence, count));
-        count
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn sequence_counts<const N: usize>(sequence: [u32; N]) -> [u64; N] {
-        let mut unwrapper = SequenceUnwrapper::default();
-        sequence.map(|number| unwrapper.unwrap(number))
-    }
-
-    #[test]
-    fn sequence_numbers_count_gaps_across_their_wrap() {
-        assert_eq!(sequence_counts([5, 6, 9]), [0, 1, 4]);
-        assert_eq!(sequence_counts([u32::MAX - 1, u32::MAX, 0, 1]), [0, 1, 2, 3]);
-        assert_eq!(sequence_counts([u32::MAX, 2]), [0, 3]);
-        assert_eq!(sequence_counts([0, i32::MAX as u32]), [0, i32::MAX as u64]);
-    }
-
-    #[test]
-    fn sequence_numbers_that_stand_still_or_fall_back_count_one_frame() {
-        assert_eq!(sequence_counts([0, 0, 0]), [0, 1, 2]);
-        assert_eq!(sequence_counts([100, 101, 0, 1]), [0, 1, 2, 3]);
-    }
 
     fn counts(ids: impl IntoIterator<Item = u64>) -> Vec<u64> {
         let mut unwrapper = FrameIdUnwrapper::default();
