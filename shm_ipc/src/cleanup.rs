@@ -6,7 +6,7 @@ use std::collections::HashSet;
 use std::fs::{self, DirEntry, Metadata};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use iceoryx2::config::Config;
 use iceoryx2::node::{DeadNodeView, Node, NodeDetails, NodeState, NodeView};
@@ -17,8 +17,12 @@ use crate::premises::{check_owner, is_foreign};
 use crate::service::Ipc;
 use crate::settings::{SHARED_MEMORY, Settings};
 
-/// Age at which a file that is not finished will never be: to finish it takes microseconds.
-const HALF_MADE: Duration = Duration::from_secs(1);
+/// Age at which a file that is not finished will never be: to finish it takes microseconds. Nobody signs in before, and a camera whose
+/// process was killed is to be back within a second.
+const HALF_MADE: Duration = Duration::from_millis(500);
+/// How long a driver waits for others who clean up, and between looks.
+const PATIENCE: Duration = Duration::from_millis(300);
+const NAP: Duration = Duration::from_millis(5);
 /// Mode of a description that is being written: iceoryx2 takes its own right to write away when it has finished.
 const UNFINISHED_DESCRIPTION: u32 = 0o600;
 /// Mode of every other file that is being written: iceoryx2 gives itself the right to read when it has finished.
@@ -35,24 +39,39 @@ pub fn cleanup_dead_nodes(settings: &Settings) -> usize {
 }
 
 pub(crate) fn cleanup(config: &Config) -> usize {
+    clean(config).0
+}
+
+/// The same for a driver that is about to make services in the place of a predecessor: it lets others finish who clean up after that one,
+/// as they remove files by names that its own will have.
+pub(crate) fn clear_the_way(config: &Config) {
+    let give_up = Instant::now() + PATIENCE;
+    while clean(config).1 > 0 && Instant::now() < give_up {
+        std::thread::sleep(NAP);
+    }
+}
+
+/// Returns how many killed programs were cleaned up after, and how many were not: others are at it, or nobody can.
+fn clean(config: &Config) -> (usize, usize) {
     quieten();
     if check_owner(config).is_err() || half_made(config).is_some() {
-        return 0;
+        return (0, 0);
     }
     sweep(config);
-    let mut cleaned = 0;
+    let (mut cleaned, mut left) = (0, 0);
     // An error leaves nodes for the next call, like a node that another process is just cleaning.
     let _ = Node::<Ipc>::list(config, |state| {
         // The configuration is given explicitly: of a node that lost its own, iceoryx2 would take a file of the working directory.
-        if let NodeState::Dead(node) = state
-            && let details = NodeDetails::__internal_new(&None, config)
-            && DeadNodeView::<Ipc>::__internal_try_remove_stale_resources(*node.id(), details).is_ok()
-        {
-            cleaned += 1;
+        if let NodeState::Dead(node) = state {
+            let details = NodeDetails::__internal_new(&None, config);
+            match DeadNodeView::<Ipc>::__internal_try_remove_stale_resources(*node.id(), details) {
+                Ok(_) => cleaned += 1,
+                Err(_) => left += 1,
+            }
         }
         CallbackProgression::Continue
     });
-    cleaned
+    (cleaned, left)
 }
 
 /// Removes files whose program was killed while it made them, and returns one that is too young to tell.

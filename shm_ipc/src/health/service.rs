@@ -12,7 +12,7 @@ use iceoryx2::service::builder::publish_subscribe::{Builder, PublishSubscribeOpe
 use iceoryx2::service::port_factory::publish_subscribe;
 
 use super::Health;
-use crate::cleanup::cleanup;
+use crate::cleanup::{cleanup, clear_the_way};
 use crate::error::IpcError;
 use crate::footing::{Footing, Held};
 use crate::header::CONTRACT_VERSION;
@@ -78,7 +78,7 @@ impl HealthPublisher {
     pub fn create_at_once(settings: &Settings, camera: &str) -> Result<HealthPublisher, IpcError> {
         let (address, name) = address(settings, camera)?;
         // A predecessor that was killed gives its place to this one.
-        cleanup(&address.config);
+        clear_the_way(&address.config);
         let node = address.node_with_room_for(premises::FILES + READERS as u64, premises::MAPPED_BYTES)?;
         address.clear_description(&name, MessagingPattern::PublishSubscribe);
         let service = builder(&node, &name)
