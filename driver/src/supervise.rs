@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use uvcam_shm_ipc::{Flags, FrameHeader, Publisher};
 
+use crate::back_off::BackOff;
 use crate::camera::aravis::Finder;
 use crate::camera::replay::ReplayCamera;
 use crate::camera::simulated::Device;
@@ -23,10 +24,8 @@ use crate::frame_path::{Command, FramePath, Leave, Position};
 use crate::generate::Order;
 use crate::mask::{self, MaskInForce};
 
-mod back_off;
 mod closing;
 
-use back_off::BackOff;
 pub(crate) use closing::CLOSING;
 use closing::Closing;
 
