@@ -53,6 +53,12 @@ pub struct Run {
     /// Stop after this many seconds
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub duration: Option<f64>,
+    /// Run this camera alone, as a part of the driver that has started this process
+    #[arg(long, value_name = "NAME", hide = true, requires = "main_process", conflicts_with = "duration")]
+    pub camera: Option<String>,
+    /// Id of the process that has started this one, and with which it is to end
+    #[arg(long, value_name = "PID", hide = true, requires = "camera")]
+    pub main_process: Option<u32>,
 }
 
 /// `uvcam list`

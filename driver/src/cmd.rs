@@ -42,7 +42,7 @@ pub fn execute(arguments: Arguments) -> Exit {
 fn dispatch(arguments: Arguments) -> Result<Exit, Error> {
     let file = arguments.config.as_deref();
     match arguments.command {
-        Command::Run(run) => load(file).and_then(|config| run::execute(&run, &config)),
+        Command::Run(run) => run::execute(&run, file),
         Command::List(list) => list::execute(&list),
         Command::Watch(watch) => load(file).and_then(|config| watch::execute(&watch, &config)),
         Command::Stats(stats) => load(file).and_then(|config| stats::execute(&stats, &config)),

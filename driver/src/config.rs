@@ -36,6 +36,10 @@ pub const DEFAULT: &str = include_str!("../default.toml");
 pub struct Config {
     /// Identity of the file: the first 16 bytes of the SHA-256 of its text, so that `sha256sum uvcam.toml` shows it.
     pub digest: [u8; 16],
+    /// The file's text.
+    pub text: String,
+    /// Whether each camera has a process of its own.
+    pub process_per_camera: bool,
     /// Shared memory.
     pub ipc: Ipc,
     /// The cameras, in the order of the file; at least one, no name, device or mask file twice.
@@ -59,6 +63,12 @@ impl Ipc {
 }
 
 impl Config {
+    /// The same with no other camera than this one; nothing where there is none of this name.
+    pub fn with_only(mut self, camera: &str) -> Option<Config> {
+        self.cameras.retain(|one| one.name == camera);
+        (!self.cameras.is_empty()).then_some(self)
+    }
+
     /// Bytes of `/dev/shm` that all cameras and their consumers need.
     pub fn shared_memory_needed(&self) -> u64 {
         let frames = self.cameras.iter().map(|camera| camera.settings.frame_bytes());
@@ -122,10 +132,18 @@ impl Config {
     /// # Errors
     /// [`ConfigError`] with file, line, key, what was found and what is allowed.
     pub fn load(file: Option<&Path>) -> Result<Config, ConfigError> {
-        let Some(file) = file else {
-            return Config::parse(DEFAULT, Path::new("the built-in configuration"));
-        };
-        Config::from_bytes(&file::read(file)?, file)
+        match file {
+            Some(path) => Config::handed_over(&file::read(path)?, file),
+            None => Config::handed_over(DEFAULT.as_bytes(), None),
+        }
+    }
+
+    /// Reads what [`Config::load`] has read elsewhere.
+    ///
+    /// # Errors
+    /// [`ConfigError`], as [`Config::load`].
+    pub fn handed_over(bytes: &[u8], file: Option<&Path>) -> Result<Config, ConfigError> {
+        Config::from_bytes(bytes, file.unwrap_or(Path::new("the built-in configuration")))
     }
 
     /// Reads a configuration from the bytes of its file, as [`Config::parse`] does from its text.

@@ -1,17 +1,15 @@
-//! The running driver: a thread for each camera, a worker for its files, and a main thread that waits for nothing but events.
+//! The running driver, or the part of it in one process: a thread for each camera, a worker for its files, and a main thread that waits for
+//! nothing but events.
 //!
 //! The main thread hears signals, the cameras' threads, workers, questions of commands, and the clock. It computes nothing and reads no
 //! file that a person names: what takes long, or may never return, is a worker's.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::thread::JoinHandle;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
-use signal_hook::iterator::backend::Handle;
 
 use crate::config::Config;
 use crate::error::Error;
@@ -20,17 +18,16 @@ use crate::generator::Progress;
 use crate::log;
 use crate::mask::MaskInForce;
 use crate::realtime;
+use crate::service_manager::ServiceManager;
+use crate::signals;
 use crate::supervise::Notice;
 
 mod requests;
 mod running;
-mod service_manager;
-mod told;
 mod worker;
 
 use requests::{Collected, Made, Requests};
 use running::Running;
-use service_manager::ServiceManager;
 
 /// How often the main thread looks after dead consumers and its status line.
 const TICK: Duration = Duration::from_secs(1);
@@ -49,14 +46,27 @@ enum Event {
     MaskRead { place: usize, outcome: Result<MaskInForce, Error> },
 }
 
-/// Runs the configured cameras until a signal, the end of the time, or until none of them can work.
+/// What an engine is to the driver.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// All of it: it gives up where no camera works, and hears what is meant for the driver.
+    Driver,
+    /// A part: a main process hears of it and decides.
+    Part,
+}
+
+/// Runs the configured cameras until a signal, the end of the time, or until none of them can work, which a part leaves to the whole.
 ///
 /// # Errors
 /// [`Error::Ipc`] where another driver runs them; [`Error::System`] where the system gives no thread or no signals.
-pub fn run(config: &Config, duration: Option<Duration>) -> Result<Exit, Error> {
+pub fn run(config: &Config, duration: Option<Duration>, role: Role) -> Result<Exit, Error> {
     realtime::lock_memory();
     let (events, inbox) = channel();
-    let signals = listen(events.clone())?;
+    let signals = signals::listen(&[SIGINT, SIGTERM, SIGHUP], {
+        let events = events.clone();
+        // Nobody listens only while the driver ends.
+        move |signal| drop(events.send(Event::Signal(signal)))
+    })?;
     let stop = Arc::new(AtomicBool::new(false));
     let started = config.cameras.iter().enumerate();
     let mut cameras = started
@@ -66,7 +76,7 @@ pub fn run(config: &Config, duration: Option<Duration>) -> Result<Exit, Error> {
 
     let end = duration.map(|duration| Instant::now() + duration);
     let mut manager = ServiceManager::new();
-    let exit = attend(&mut cameras, &mut requests, &mut manager, config, &inbox, end);
+    let exit = attend(&mut cameras, &mut requests, &mut manager, config, &inbox, end, role);
 
     manager.stopping();
     requests.cancel();
@@ -77,30 +87,6 @@ pub fn run(config: &Config, duration: Option<Duration>) -> Result<Exit, Error> {
     Ok(exit)
 }
 
-fn listen(events: Sender<Event>) -> Result<Handle, Error> {
-    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(|source| Error::System {
-        doing: "listening to",
-        path: "signals".into(),
-        source,
-    })?;
-    let handle = signals.handle();
-    spawn("signals", move || {
-        for signal in signals.forever() {
-            // Nobody listens only while the driver ends.
-            let _ = events.send(Event::Signal(signal));
-        }
-    })?;
-    Ok(handle)
-}
-
-fn spawn(name: &str, body: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, Error> {
-    std::thread::Builder::new().name(name.into()).spawn(body).map_err(|source| Error::System {
-        doing: "starting thread",
-        path: name.into(),
-        source,
-    })
-}
-
 /// Serves the running cameras until a signal, the end of the time, or until none of them can work.
 fn attend(
     cameras: &mut [Running],
@@ -109,6 +95,7 @@ fn attend(
     config: &Config,
     inbox: &Receiver<Event>,
     end: Option<Instant>,
+    role: Role,
 ) -> Exit {
     let mut next_tick = Instant::now() + TICK;
     loop {
@@ -116,13 +103,15 @@ fn attend(
         let wake = end.map_or(wake, |end| end.min(wake));
         match inbox.recv_timeout(wake.saturating_duration_since(Instant::now())) {
             Ok(Event::Signal(SIGHUP)) => requests.read_masks(cameras),
+            // A terminal sends it to all processes of the driver, and the main one tells the others.
+            Ok(Event::Signal(SIGINT)) if role == Role::Part => {}
             Ok(Event::Signal(_)) => return how_it_went(cameras),
             Ok(Event::Camera(notice)) => {
                 let place = notice.camera;
                 if notice.is_panic() {
                     requests.abandon(place);
                 }
-                if !take_notice(cameras, notice) {
+                if !take_notice(cameras, notice) && role == Role::Driver {
                     tracing::error!("no camera can be used: the driver ends");
                     return how_it_went(cameras);
                 }
@@ -141,13 +130,18 @@ fn attend(
         }
         if now >= next_tick {
             next_tick += TICK;
-            uvcam_shm_ipc::cleanup_dead_nodes(&config.ipc.settings);
+            // One process of a driver is enough for it.
+            if role == Role::Driver {
+                uvcam_shm_ipc::cleanup_dead_nodes(&config.ipc.settings);
+            }
             cameras.iter_mut().for_each(|camera| camera.tick(config));
             requests.keep_findable(config);
-            log::show_status(&cameras.iter().map(Running::status).collect::<Vec<_>>().join(" | "));
+            if role == Role::Driver {
+                log::show_status(&cameras.iter().map(Running::status).collect::<Vec<_>>().join(" | "));
+            }
         }
         cameras.iter().for_each(Running::serve_newcomers);
-        manager.attend(cameras);
+        manager.attend(&cameras.iter().map(Running::condition).collect::<Vec<_>>());
     }
 }
 

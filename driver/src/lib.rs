@@ -1,10 +1,12 @@
 //! The driver of uvcam: cameras, the way of a frame, and the commands.
 //!
 //! A frame is written by a [`camera`] into a slot of shared memory, loses its masked runs there and is sent ([`frame_path`]).
-//! One thread a camera walks this way under the eyes of [`supervise`]; the [`engine`] runs them all. The commands ([`cmd`]) start it, or
+//! One thread a camera walks this way under the eyes of [`supervise`]; the [`engine`] runs them, in a
+//! process each (`processes`), or all in one. The commands ([`cmd`]) start it, or
 //! look at it from outside as any consumer does.
 
 pub mod args;
+mod back_off;
 pub mod camera;
 pub mod clock;
 pub mod cmd;
@@ -23,5 +25,10 @@ pub mod latency;
 pub mod log;
 pub mod mask;
 pub mod mask_store;
+mod processes;
 pub mod realtime;
+mod service_manager;
+mod signals;
 pub mod supervise;
+mod thread;
+mod told;

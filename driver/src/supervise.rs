@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use uvcam_shm_ipc::{FrameHeader, Publisher};
 
+use crate::back_off::BackOff;
 use crate::camera::source::{self, CameraSource};
 use crate::camera::{Applied, Camera, CameraError, Identity};
 use crate::config::{CameraConfig, Ipc};
@@ -20,11 +21,9 @@ use crate::frame_path::{Command, FramePath, Leave, Position};
 use crate::generate::Order;
 use crate::mask::{self, MaskInForce};
 
-mod back_off;
 mod closing;
 mod time;
 
-use back_off::BackOff;
 pub(crate) use closing::CLOSING;
 use closing::Closing;
 use time::{SystemTime, Time};

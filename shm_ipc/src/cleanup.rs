@@ -5,7 +5,7 @@
 use std::collections::HashSet;
 use std::fs::{self, DirEntry, Metadata};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeState};
@@ -16,8 +16,12 @@ use crate::premises::{check_owner, is_foreign};
 use crate::quirks::{self, CONTEXT, Ipc, SHARED_MEMORY};
 use crate::settings::Settings;
 
-/// Age at which a file that is not finished will never be: to finish it takes microseconds.
-const HALF_MADE: Duration = Duration::from_secs(1);
+/// Age at which a file that is not finished will never be: to finish it takes microseconds. Nobody signs in before, and a camera whose
+/// process was killed is to be back within a second.
+const HALF_MADE: Duration = Duration::from_millis(500);
+/// How long a driver waits for others who clean up, and between looks.
+const PATIENCE: Duration = Duration::from_millis(300);
+const NAP: Duration = Duration::from_millis(5);
 
 /// Releases what killed programs left behind: their places among the consumers, the slots they held, their files. Returns how
 /// many programs there were.
@@ -28,22 +32,37 @@ pub fn cleanup_dead_nodes(settings: &Settings) -> usize {
 }
 
 pub(crate) fn cleanup(config: &Config) -> usize {
+    clean(config).0
+}
+
+/// The same for a driver that is about to make services in the place of a predecessor: it lets others finish who clean up after that one,
+/// as they remove files by names that its own will have.
+pub(crate) fn clear_the_way(config: &Config) {
+    let give_up = Instant::now() + PATIENCE;
+    while clean(config).1 > 0 && Instant::now() < give_up {
+        std::thread::sleep(NAP);
+    }
+}
+
+/// Returns how many killed programs were cleaned up after, and how many were not: others are at it, or nobody can.
+fn clean(config: &Config) -> (usize, usize) {
     quieten();
     if check_owner(config).is_err() || half_made(config).is_some() {
-        return 0;
+        return (0, 0);
     }
     sweep(config);
-    let mut cleaned = 0;
+    let (mut cleaned, mut left) = (0, 0);
     // An error leaves nodes for the next call, like a node that another process is just cleaning.
     let _ = Node::<Ipc>::list(config, |state| {
-        if let NodeState::Dead(node) = state
-            && quirks::remove_dead(&node, config)
-        {
-            cleaned += 1;
+        if let NodeState::Dead(node) = state {
+            match quirks::remove_dead(&node, config) {
+                true => cleaned += 1,
+                false => left += 1,
+            }
         }
         CallbackProgression::Continue
     });
-    cleaned
+    (cleaned, left)
 }
 
 /// Removes files whose program was killed while it made them, and returns one that is too young to tell.

@@ -143,9 +143,9 @@ pub struct Health {
     pub written_monotonic_ns: u64,
     /// CLOCK_MONOTONIC in ns since when the state holds.
     pub state_since_monotonic_ns: u64,
-    /// CLOCK_MONOTONIC in ns when the driver started.
+    /// CLOCK_MONOTONIC in ns when the process that runs the camera started.
     pub started_monotonic_ns: u64,
-    /// Process id of the driver.
+    /// Id of the process that runs the camera.
     pub process_id: u32,
     /// Zero.
     pub reserved_state: u32,
@@ -154,7 +154,7 @@ pub struct Health {
     /// Temperature of the device in degrees Celsius; NaN where it tells none.
     pub temperature_c: f64,
 
-    /// Frames sent, since the driver started, as all counters.
+    /// Frames sent, since that process started, as all counters.
     pub published: u64,
     /// Frames that the device is known to have produced and no stream published: those that arrived with a part missing, and gaps in the
     /// device's own frame ids. With `published`, all that [`FrameHeader::produced`](crate::FrameHeader::produced) counted since.
@@ -167,9 +167,9 @@ pub struct Health {
     pub epochs: u64,
     /// Streams, and attempts to open the camera, that ended in an error. Looks for a camera that is absent do not count.
     pub failures: u64,
-    /// Memory of the driver's process, shared memory that it touched included, in bytes.
+    /// Memory of the process that runs the camera, shared memory that it touched included, in bytes.
     pub resident_bytes: u64,
-    /// Processor time of the driver's process, all cameras together, in ns.
+    /// Processor time of the process that runs the camera, in ns. It may run others as well.
     pub cpu_ns: u64,
 
     /// Identity of the mask in force; all zero where none is.

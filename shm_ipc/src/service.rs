@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
 
-use crate::cleanup::{cleanup, half_made};
+use crate::cleanup::{cleanup, clear_the_way, half_made};
 use crate::error::IpcError;
 use crate::footing::{Footing, Held, marks_of};
 use crate::log::quieten;
@@ -87,7 +87,7 @@ impl Address {
             let on = path.display().to_string();
             return Err(self.failed("waiting for another program to finish", &on, source));
         }
-        cleanup(&self.config);
+        clear_the_way(&self.config);
         self.node(files, mapped_bytes)
     }
 

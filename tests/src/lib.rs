@@ -60,10 +60,19 @@ pub struct Stage {
 impl Stage {
     /// A stage whose configuration is `cameras` behind an `[ipc]` table of its own.
     pub fn new(cameras: &str) -> Self {
+        Stage::configured("", cameras)
+    }
+
+    /// The same, with a driver that runs all cameras in one process.
+    pub fn in_one_process(cameras: &str) -> Self {
+        Stage::configured("process_per_camera = false\n", cameras)
+    }
+
+    fn configured(top: &str, cameras: &str) -> Self {
         let stage = Stage { memory: SharedMemory::new() };
-        let settings = stage.settings();
-        let ipc = format!("[ipc]\nprefix = \"{}\"\nroot_path = {:?}\n", settings.prefix, settings.root_path);
-        std::fs::write(stage.file("uvcam.toml"), ipc + cameras).unwrap();
+        let Settings { prefix, root_path, .. } = stage.settings();
+        let text = format!("{top}[ipc]\nprefix = \"{prefix}\"\nroot_path = {root_path:?}\n{cameras}");
+        std::fs::write(stage.file("uvcam.toml"), text).unwrap();
         stage
     }
 
@@ -117,6 +126,12 @@ impl Stage {
             reader.is_some()
         });
         reader.unwrap()
+    }
+
+    /// The process that runs a camera, once it has told of it.
+    pub fn process_of(&self, camera: &str) -> Pid {
+        let health = health_where("a record", &mut self.health(camera), |_| true);
+        Pid::from_raw(health.process_id.try_into().unwrap()).unwrap()
     }
 
     /// Writes a mask that blanks a band of `rows` rows at the lower edge, and returns it.
@@ -228,11 +243,11 @@ impl Process {
         serde_json::from_slice(&output.stdout).unwrap()
     }
 
-    /// Resident memory in KiB.
+    /// Resident memory in KiB, of its children as well.
     pub fn resident_kib(&self) -> u64 {
-        let status = std::fs::read_to_string(format!("/proc/{}/status", self.id())).unwrap();
-        let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
-        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+        let processes = children(self.id()).into_iter().chain([self.id()]);
+        let resident = |id| status_field(id, "VmRSS:")?.trim_end_matches(" kB").parse::<u64>().ok();
+        processes.map(|id| resident(id).unwrap()).sum()
     }
 }
 
@@ -249,6 +264,19 @@ impl Drop for Process {
             eprintln!("process {} said: {text}", self.id());
         }
     }
+}
+
+/// The processes that this one has started and that have not been waited for.
+pub fn children(parent: u32) -> Vec<u32> {
+    let processes = std::fs::read_dir("/proc").unwrap().flatten();
+    let ids = processes.filter_map(|process| process.file_name().to_str()?.parse().ok());
+    ids.filter(|id| status_field(*id, "PPid:").is_some_and(|id| id == parent.to_string())).collect()
+}
+
+/// A field of a process's status (proc_pid_status(5)); nothing where there is no such process any more.
+pub fn status_field(id: u32, key: &str) -> Option<String> {
+    let status = std::fs::read_to_string(format!("/proc/{id}/status")).ok()?;
+    status.lines().find_map(|line| line.strip_prefix(key)).map(|field| field.trim().to_owned())
 }
 
 /// What a process wrote to stderr.

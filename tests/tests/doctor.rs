@@ -435,6 +435,9 @@ fn a_running_driver_is_examined_in_place_of_the_user() {
     machine.write("proc/800/limits", "Max realtime priority     0     0\n");
     fs::create_dir_all(machine.path("proc/800/fd")).unwrap();
     symlink("/dev/bus/usb/004/002", machine.path("proc/800/fd/5")).unwrap();
+    // The process of a camera, which may have the lower number.
+    machine.write("proc/799/comm", "uvcam");
+    machine.write("proc/799/cmdline", "/usr/bin/uvcam\0run\0--camera\0left\0--main-process\0800\0");
     let (code, findings) = machine.examine();
     let checks: Vec<&str> = findings.iter().map(|finding| finding["check"].as_str().unwrap()).collect();
     assert_eq!(code, Some(6));

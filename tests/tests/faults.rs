@@ -184,7 +184,8 @@ fn a_camera_that_fails_over_and_over_does_not_fill_the_log() {
 #[test]
 fn a_thread_that_is_stuck_in_a_library_is_told_of_and_its_sibling_loses_nothing() {
     let faulty = simulated("left", "none", ", faults = [{ kind = \"hang\", at_frame = 20, seconds = 13.0 }]");
-    let stage = Stage::new(&(faulty + &simulated("right", "none", "")));
+    // In a process of its own it would not be waited for.
+    let stage = Stage::in_one_process(&(faulty + &simulated("right", "none", "")));
     let sibling = stage.watch(&["right"]);
     let driver = stage.driver();
     let mut left = stage.health("left");

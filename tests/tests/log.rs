@@ -9,7 +9,7 @@ use std::time::Duration;
 use rustix::io::ioctl_fionbio;
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use uvcam_shm_ipc::health::State;
-use uvcam_tests::{Stage, binary, health_where, next_frame, simulated, stderr, wait_until};
+use uvcam_tests::{Stage, binary, health_where, next_frame, simulated, status_field, stderr, wait_until};
 
 /// A camera that gives the driver something to say three times, and a sibling.
 fn cameras() -> Stage {
@@ -144,8 +144,9 @@ fn a_terminal_that_goes_away_ends_no_driver() {
         .stdout(Stdio::null())
         .spawn();
     let mut terminal = Driver(terminal.expect("script: install the package bsdutils"));
-    let id = stage.health("right").wait(Duration::from_secs(20)).unwrap().unwrap().process_id;
-    let driver = Foreign(Pid::from_raw(id.try_into().unwrap()).unwrap());
+    let camera = stage.process_of("right").as_raw_nonzero().get() as u32;
+    let id = status_field(camera, "PPid:").unwrap();
+    let driver = Foreign(Pid::from_raw(id.parse().unwrap()).unwrap());
     terminal.0.kill().unwrap();
     terminal.0.wait().unwrap();
     // Told by the kernel that its terminal is gone, it reads the masks anew, as it is told now.

@@ -4,7 +4,7 @@
 use std::fs;
 use std::process::Command;
 
-use rustix::process::{Resource, getrlimit};
+use rustix::process::{Pid, Resource, getrlimit};
 use rustix::thread::{CapabilitySet, capabilities};
 use uvcam_tests::{Process, Stage, next_frame, simulated, stderr};
 
@@ -18,8 +18,8 @@ fn stage() -> Stage {
 }
 
 /// The fields of a thread's `stat` (proc_pid_stat(5)) from the 3rd on, and its `status`.
-fn thread(pid: u32, name: &str) -> (Vec<String>, String) {
-    for task in fs::read_dir(format!("/proc/{pid}/task")).unwrap().flatten() {
+fn thread(pid: Pid, name: &str) -> (Vec<String>, String) {
+    for task in fs::read_dir(format!("/proc/{}/task", pid.as_raw_nonzero())).unwrap().flatten() {
         let stat = fs::read_to_string(task.path().join("stat")).unwrap();
         if let Some((_, fields)) = stat.split_once(&format!("({name}) ")) {
             let status = fs::read_to_string(task.path().join("status")).unwrap();
@@ -47,7 +47,7 @@ fn with_the_right_a_camera_thread_is_scheduled_as_configured() {
     let stage = stage();
     let driver = stage.driver();
     next_frame(&mut stage.subscriber("left"));
-    let (fields, status) = thread(driver.id(), "left");
+    let (fields, status) = thread(stage.process_of("left"), "left");
     // Fields 40 and 41: rt_priority and policy.
     let scheduled: [u64; 2] = [37, 38].map(|at| fields[at].parse().unwrap());
     assert_eq!(field(&status, "Cpus_allowed_list"), "0");
@@ -65,7 +65,7 @@ fn what_reads_pictures_ahead_has_no_priority() {
     image::GrayImage::new(8, 4).save(stage.file("frames/1.png")).unwrap();
     let driver = stage.driver();
     next_frame(&mut stage.subscriber("left"));
-    let (fields, status) = thread(driver.id(), "left-read");
+    let (fields, status) = thread(stage.process_of("left"), "left-read");
     assert_eq!([37, 38].map(|at| fields[at].parse::<u64>().unwrap()), [0, SCHED_OTHER]);
     assert_eq!(field(&status, "Cpus_allowed_list"), "0");
     let said = stderr(&driver.stop());
@@ -78,7 +78,8 @@ fn with_the_right_memory_is_locked() {
     let stage = stage();
     let driver = stage.driver();
     next_frame(&mut stage.subscriber("left"));
-    let status = fs::read_to_string(format!("/proc/{}/status", driver.id())).unwrap();
+    let camera = stage.process_of("left").as_raw_nonzero();
+    let status = fs::read_to_string(format!("/proc/{camera}/status")).unwrap();
     let locked_kb: u64 = field(&status, "VmLck").trim_end_matches(" kB").parse().unwrap();
     let said = stderr(&driver.stop());
     // All slots of 752x480, at least.
@@ -97,7 +98,7 @@ fn without_the_rights_it_warns_and_works() {
     }
     let driver = Process::start(command.arg(run.get_program()).args(run.get_args()));
     next_frame(&mut stage.subscriber("left"));
-    let (fields, status) = thread(driver.id(), "left");
+    let (fields, status) = thread(stage.process_of("left"), "left");
     assert_eq!([37, 38].map(|at| fields[at].parse::<u64>().unwrap()), [0, SCHED_OTHER]);
     // Cores need no right.
     assert_eq!(field(&status, "Cpus_allowed_list"), "0");

@@ -86,7 +86,8 @@ fn ready_with_the_first_frames_then_signs_of_life_and_a_farewell() {
 #[test]
 fn no_sign_of_life_while_the_only_camera_s_thread_is_stuck() {
     let fault = ", faults = [{ kind = \"hang\", at_frame = 20, seconds = 60.0 }]";
-    let stage = Stage::new(&simulated("left", "none", fault));
+    // Where it has a process of its own, that one is started again.
+    let stage = Stage::in_one_process(&simulated("left", "none", fault));
     let (mut manager, _driver) = Manager::start(&stage);
     manager.wait_for("WATCHDOG=1");
     let mut health = stage.health("left");

@@ -79,7 +79,8 @@ fn a_driver_that_flies_is_not_hurt_when_another_program_fills_shared_memory() {
         $U run --config $C & driver=$!
         $U watch left --config $C --json --timeout 30 > \"$1\" & consumer=$!
         until $U stats left --config $C 2> \"$2\" | grep -q streaming; do sleep 0.1; done
-        until [ -s /dev/shm/*.connection ]; do sleep 0.1; done
+        # That of the main process, which reads health, and that of the consumer.
+        until [ \"$(find /dev/shm -name '*.connection' -size +0 | wc -l)\" -ge 2 ]; do sleep 0.1; done
         head -c 64M /dev/zero > /dev/shm/full
         for command in 'watch left --frames 5' 'stats left' 'generate left'; do
             timeout 30 $U $command --config $C 2>&1; echo \"exit code $?\"; done
@@ -87,7 +88,8 @@ fn a_driver_that_flies_is_not_hurt_when_another_program_fills_shared_memory() {
         kill -INT $consumer; wait $consumer; echo \"consumer $?\"; kill $driver; wait $driver; echo \"driver $?\"";
     let (report, rest) = (stage.file("report.json"), stage.file("rest"));
     let output = in_namespace(&stage, script, &[report.to_str().unwrap(), rest.to_str().unwrap()]);
-    all_say(&output, 3, &["/dev/shm is full: 0 kB"]);
+    // Who cleans up after those that are refused frees a page now and then.
+    all_say(&output, 3, &["/dev/shm is full: ", " kB needed"]);
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(said.contains("back\nconsumer 0\ndriver 0"), "{said}{}", stderr(&output));
     let report: serde_json::Value = serde_json::from_slice(&fs::read(report).unwrap()).unwrap();

@@ -26,6 +26,7 @@ struct Document {
     #[serde(default)]
     camera: Vec<CameraTable>,
     uav: Option<Spanned<String>>,
+    process_per_camera: Option<bool>,
 }
 
 #[derive(Deserialize, Default)]
@@ -92,7 +93,13 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
         shared.check(&reader.0, &camera, &places)?;
         cameras.push(camera);
     }
-    Ok(Config { digest: super::digest(text), ipc, cameras })
+    Ok(Config {
+        digest: super::digest(text),
+        text: text.to_owned(),
+        process_per_camera: document.process_per_camera.unwrap_or(true),
+        ipc,
+        cameras,
+    })
 }
 
 /// Where the keys are that no two cameras may have in common.

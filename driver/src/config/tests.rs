@@ -34,7 +34,7 @@ fn refusal(line: &str, instead: &str) -> String {
 fn the_default_is_valid_and_says_what_the_code_does_without_it() {
     let config = Config::load(None).unwrap();
     let bare = parse(CAMERA).unwrap();
-    assert_eq!(config.ipc, bare.ipc);
+    assert_eq!((config.ipc, config.process_per_camera), (bare.ipc, bare.process_per_camera));
     assert_eq!(config.cameras.len(), 1);
     let (shown, plain) = (&config.cameras[0].settings, &bare.cameras[0].settings);
     assert_eq!(config.cameras[0].realtime, bare.cameras[0].realtime);
@@ -239,4 +239,23 @@ proptest! {
     fn no_number_makes_the_reader_panic(number in any::<f64>(), key in prop::sample::select(vec!["fps", "exposure_us", "gain_db"])) {
         let _ = parse(&CAMERA.replace("fps = 59.9", &format!("{key} = {number:?}")));
     }
+}
+
+#[test]
+fn each_camera_has_a_process_unless_the_file_says_otherwise() {
+    let read = |top: &str| parse(&format!("{top}{CAMERA}"));
+    assert!(read("").unwrap().process_per_camera);
+    assert!(!read("process_per_camera = false\n").unwrap().process_per_camera);
+    let refused = read("process_per_camera = 0\n").unwrap_err().to_string();
+    assert!(refused.contains("process_per_camera"), "{refused}");
+}
+
+#[test]
+fn a_part_of_a_configuration_is_the_whole_but_for_the_other_cameras() {
+    let text = CAMERA.to_owned() + &CAMERA.replace("left", "right").replace("25003774", "25003775");
+    let config = Config::handed_over(text.as_bytes(), None).unwrap();
+    let part = config.clone().with_only("right").unwrap();
+    assert_eq!(part.cameras, config.cameras[1..]);
+    assert_eq!((part.digest, &part.text, &part.ipc), (config.digest, &config.text, &config.ipc));
+    assert_eq!(config.with_only("back"), None);
 }

@@ -112,12 +112,18 @@ impl Process {
     }
 }
 
-/// Whether process `id` is `uvcam run`.
+/// Whether process `id` is `uvcam run`: the main process, whose rights those of its cameras have.
 fn is_driver(machine: &Machine, id: u32) -> bool {
     let line = machine.text(&format!("/proc/{id}/cmdline")).unwrap_or_default();
     let mut words = line.split('\0');
     let program = words.next().unwrap_or_default().rsplit('/').next();
-    program == Some("uvcam") && words.any(|word| word == "run")
+    let mut is_run = false;
+    program == Some("uvcam")
+        && words.all(|word| {
+            is_run |= word == "run";
+            word != "--main-process"
+        })
+        && is_run
 }
 
 /// The rest of the line that begins with `key`.

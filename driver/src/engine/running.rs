@@ -8,16 +8,18 @@ use std::time::{Duration, Instant};
 
 use uvcam_shm_ipc::monotonic_ns;
 
-use super::told::Told;
+use super::Event;
 use super::worker::Worker;
-use super::{Event, spawn};
 use crate::config::{CameraConfig, Config, MaskChoice};
 use crate::counters::Counters;
 use crate::error::{Error, with_causes};
 use crate::frame_path::Command;
 use crate::health::Reporter;
 use crate::mask::MaskInForce;
+use crate::service_manager::Condition;
 use crate::supervise::{State, Supervisor};
+use crate::thread::spawn;
+use crate::told::Told;
 
 /// A camera's thread from which nothing was heard for this long is stuck: the longest calls of a library give up after five seconds.
 const STUCK: Duration = Duration::from_secs(10);
@@ -29,10 +31,10 @@ const NAP: Duration = Duration::from_millis(1);
 /// A camera, its thread and its worker.
 pub(super) struct Running {
     pub(super) config: CameraConfig,
-    pub(super) counters: Arc<Counters>,
+    counters: Arc<Counters>,
     pub(super) worker: Worker,
-    pub(super) state: Option<State>,
-    pub(super) is_stuck: bool,
+    state: Option<State>,
+    is_stuck: bool,
     commands: Sender<Command>,
     thread: JoinHandle<()>,
     health: Reporter,
@@ -167,9 +169,25 @@ impl Running {
         }
     }
 
-    /// Whether its first attempt is over, or takes so long that nobody should wait for it.
-    pub(super) fn is_tried(&self) -> bool {
-        self.state.is_some() || self.started.elapsed() >= STUCK
+    /// What a service manager hears of it.
+    pub(super) fn condition(&self) -> Condition {
+        let name = &self.config.name;
+        let words = match &self.state {
+            _ if self.is_stuck => format!("{name} stuck"),
+            None => format!("{name} starting"),
+            Some(State::Streaming(_)) => {
+                format!("{name} streaming, {} lost", self.counters.lost.load(Ordering::Relaxed))
+            }
+            Some(State::Generating) => format!("{name} generating"),
+            Some(State::Waiting(error)) => format!("{name} reconnecting: {}", with_causes(error)),
+            Some(State::Refused(error)) => format!("{name} refused: {}", with_causes(error)),
+        };
+        Condition {
+            published: self.counters.published.load(Ordering::Relaxed),
+            is_tried: self.state.is_some() || self.started.elapsed() >= STUCK,
+            is_stuck: self.is_stuck,
+            words,
+        }
     }
 
     /// Keeps the books of the second that has passed.

@@ -3,8 +3,8 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{SyncSender, sync_channel};
 
-use super::spawn;
 use crate::error::{Error, panic_text};
+use crate::thread::spawn;
 
 /// Jobs that may wait for the one at work.
 const WAITING: usize = 8;

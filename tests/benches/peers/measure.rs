@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde::{Deserialize, Serialize};
-use uvcam_tests::binary;
+use uvcam_tests::{binary, children};
 
 use crate::chain::Chain;
 use crate::placement::Placement;
@@ -182,9 +182,10 @@ impl Running {
         receiver
     }
 
-    /// Processor time of its living threads: the first number of each `schedstat`, in nanoseconds (proc(5)).
+    /// Processor time of its living threads and of those of its children: the first number of each `schedstat`, in nanoseconds (proc(5)).
     fn cpu_ns(&self) -> u64 {
-        let threads = fs::read_dir(format!("/proc/{}/task", self.child.id())).unwrap();
+        let processes = children(self.child.id()).into_iter().chain([self.child.id()]);
+        let threads = processes.flat_map(|id| fs::read_dir(format!("/proc/{id}/task")).into_iter().flatten());
         let read = |thread: fs::DirEntry| fs::read_to_string(thread.path().join("schedstat")).ok();
         let time = |stat: String| stat.split_whitespace().next()?.parse::<u64>().ok();
         threads.filter_map(|thread| read(thread.ok()?).and_then(time)).sum()

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use uvcam_emulated::usb::Plugged;
 use uvcam_emulated::usb3_vision::{Camera, Identity};
-use uvcam_tests::{Process, Stage, next_frame};
+use uvcam_tests::{Process, Stage, children, next_frame};
 
 use super::{BYTES, SIZE, camera};
 
@@ -40,9 +40,9 @@ fn transfers() -> Vec<Range<u64>> {
         .collect()
 }
 
-/// Where a process has shared memory.
+/// Where the process of a driver's only camera has shared memory.
 fn shared_memory(process: &Process) -> Vec<Range<u64>> {
-    let maps = fs::read_to_string(format!("/proc/{}/maps", process.id())).unwrap();
+    let maps = fs::read_to_string(format!("/proc/{}/maps", children(process.id())[0])).unwrap();
     maps.lines()
         .filter(|line| line.contains("/dev/shm/"))
         .map(|line| {

@@ -4,7 +4,7 @@ use std::fs;
 
 use uvcam_emulated::usb::Plugged;
 use uvcam_emulated::usb3_vision::{Camera, Identity};
-use uvcam_tests::{Process, Stage, next_frame, wait_until};
+use uvcam_tests::{Process, Stage, children, next_frame, wait_until};
 
 use super::{SIZE, camera};
 
@@ -51,7 +51,7 @@ fn unplugging_one_camera_costs_the_other_nothing() {
     );
 }
 
-/// What a process holds.
+/// What a process and its children hold.
 #[derive(Debug)]
 struct Holdings {
     descriptors: usize,
@@ -60,7 +60,10 @@ struct Holdings {
 }
 
 fn holdings(process: &Process) -> Holdings {
-    let count = |what: &str| fs::read_dir(format!("/proc/{}/{what}", process.id())).unwrap().count();
+    let processes: Vec<u32> = children(process.id()).into_iter().chain([process.id()]).collect();
+    let count = |what: &str| -> usize {
+        processes.iter().map(|id| fs::read_dir(format!("/proc/{id}/{what}")).unwrap().count()).sum()
+    };
     Holdings { descriptors: count("fd"), threads: count("task"), resident_kib: process.resident_kib() }
 }
 

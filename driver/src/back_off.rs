@@ -1,4 +1,4 @@
-//! When to try a camera again.
+//! When to try again what has failed.
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ const LONGEST: Duration = Duration::from_secs(5);
 /// A camera that is absent is looked for every 0.1 s, for as long as it takes, and starts with a clean record when it comes: the look
 /// is cheap, and there is nothing to spare.
 #[derive(Debug)]
-pub(super) struct BackOff {
+pub(crate) struct BackOff {
     distance: Duration,
 }
 
@@ -24,17 +24,17 @@ impl Default for BackOff {
 
 impl BackOff {
     /// How long an attempt may listen for its first frame.
-    pub(super) fn listening(&self) -> Duration {
+    pub(crate) fn listening(&self) -> Duration {
         self.distance
     }
 
     /// The camera has worked, or was not there.
-    pub(super) fn forget(&mut self) {
+    pub(crate) fn forget(&mut self) {
         self.distance = SHORTEST;
     }
 
     /// How long to wait after an attempt that began at `begin` and failed at `end`.
-    pub(super) fn after_failure(&mut self, begin: Instant, end: Instant) -> Duration {
+    pub(crate) fn after_failure(&mut self, begin: Instant, end: Instant) -> Duration {
         let wait = (begin + self.distance).saturating_duration_since(end).max(SHORTEST);
         self.distance = (2 * self.distance).min(LONGEST);
         wait

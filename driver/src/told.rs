@@ -10,7 +10,7 @@ const LONGEST: Duration = Duration::from_secs(3600);
 
 /// The messages told lately, and how many were not told.
 #[derive(Debug, Default)]
-pub(super) struct Told {
+pub(crate) struct Told {
     recent: Vec<Message>,
     untold: u64,
 }
@@ -25,7 +25,7 @@ struct Message {
 
 impl Told {
     /// Whether to tell this message, and how many were not told since the last one.
-    pub(super) fn is_due(&mut self, text: &str, now: Instant) -> Option<u64> {
+    pub(crate) fn is_due(&mut self, text: &str, now: Instant) -> Option<u64> {
         let words: String = text.chars().filter(|letter| !letter.is_ascii_digit()).collect();
         if let Some(message) = self.recent.iter_mut().find(|message| message.words == words) {
             if now < message.again {
@@ -48,7 +48,7 @@ impl Told {
     }
 
     /// Forgets all of them, as the camera works again. Returns how many were not told since the last one.
-    pub(super) fn forget(&mut self) -> u64 {
+    pub(crate) fn forget(&mut self) -> u64 {
         std::mem::take(self).untold
     }
 }

@@ -5,17 +5,24 @@ use std::io;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::os::unix::net::{SocketAddr, UnixDatagram};
-use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use sd_notify::NotifyState;
 
-use super::running::Running;
-use crate::error::with_causes;
-use crate::supervise::State;
+/// A camera, as far as a service manager wants to know.
+pub(crate) struct Condition {
+    /// Frames published since the driver's start.
+    pub(crate) published: u64,
+    /// Whether the first attempt to open it is over, or takes so long that nobody should wait for it.
+    pub(crate) is_tried: bool,
+    /// Whether a call into its library does not return.
+    pub(crate) is_stuck: bool,
+    /// What it does, in a few words. They change with its state and its losses, not with every frame.
+    pub(crate) words: String,
+}
 
 /// What the service manager was told, and when it is told again.
-pub(super) struct ServiceManager {
+pub(crate) struct ServiceManager {
     /// Within which time it wants to hear that the driver works (WatchdogSec).
     watchdog: Option<Duration>,
     next_sign_of_life: Instant,
@@ -26,7 +33,7 @@ pub(super) struct ServiceManager {
 }
 
 impl ServiceManager {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         ServiceManager {
             watchdog: sd_notify::watchdog_enabled(),
             next_sign_of_life: Instant::now(),
@@ -37,13 +44,12 @@ impl ServiceManager {
     }
 
     /// Says what there is to say. To be called several times a second.
-    pub(super) fn attend(&mut self, cameras: &[Running]) {
-        let published: u64 =
-            cameras.iter().map(|camera| camera.counters.published.load(Ordering::Relaxed)).sum();
-        if !self.is_ready && published > 0 && cameras.iter().all(Running::is_tried) {
+    pub(crate) fn attend(&mut self, cameras: &[Condition]) {
+        let published: u64 = cameras.iter().map(|camera| camera.published).sum();
+        if !self.is_ready && published > 0 && cameras.iter().all(|camera| camera.is_tried) {
             self.is_ready = tell(&NotifyState::Ready);
         }
-        let status = cameras.iter().map(describe).collect::<Vec<_>>().join("; ");
+        let status = cameras.iter().map(|camera| camera.words.as_str()).collect::<Vec<_>>().join("; ");
         if status != self.status && tell(&NotifyState::Status(&status)) {
             self.status = status;
         }
@@ -59,7 +65,7 @@ impl ServiceManager {
     }
 
     /// Says that the driver ends.
-    pub(super) fn stopping(&self) {
+    pub(crate) fn stopping(&self) {
         tell(&NotifyState::Stopping);
     }
 }
@@ -68,21 +74,6 @@ impl ServiceManager {
 /// it; and cameras that are merely absent, or have no mask, do not come back by it.
 fn works(published: u64, is_any_stuck: bool) -> bool {
     published > 0 || !is_any_stuck
-}
-
-/// One camera in a few words. Changes with its state and its losses, not with every frame.
-fn describe(camera: &Running) -> String {
-    let name = &camera.config.name;
-    match &camera.state {
-        _ if camera.is_stuck => format!("{name} stuck"),
-        None => format!("{name} starting"),
-        Some(State::Streaming(_)) => {
-            format!("{name} streaming, {} lost", camera.counters.lost.load(Ordering::Relaxed))
-        }
-        Some(State::Generating) => format!("{name} generating"),
-        Some(State::Waiting(error)) => format!("{name} reconnecting: {}", with_causes(error)),
-        Some(State::Refused(error)) => format!("{name} refused: {}", with_causes(error)),
-    }
 }
 
 /// Returns whether it was told; what was not is told at the next look.
