@@ -69,7 +69,7 @@ pub enum IpcError {
     },
     /// No place for another consumer.
     #[error(
-        "service \"{0}\" has as many consumers as it can: stop one, or raise max_subscribers of the driver"
+        "service \"{0}\" has as many consumers as it can: stop one, or, for frames, raise max_subscribers of the driver"
     )]
     TooManyConsumers(String),
     /// A consumer wants a frame more than it may hold.

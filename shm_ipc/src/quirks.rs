@@ -1,4 +1,4 @@
-//! What this library knows of iceoryx2's inside, and iceoryx2 does not promise. All of it was read in, and tried with, [`VERSION`]; a test
+//! What this library knows of iceoryx2's inside, and iceoryx2 does not promise. All of it was read in, and tried with, the `VERSION` below; a test
 //! fails where another one is used, until somebody has looked at every line of this table.
 //!
 //! | what iceoryx2 does | who relies on it |

@@ -7,7 +7,7 @@
 //! | bytes | what |
 //! | --- | --- |
 //! | 0..4 | "UVCW" |
-//! | 4..8 | [`CONTRACT_VERSION`] |
+//! | 4..8 | [`CONTRACT_VERSION`](crate::CONTRACT_VERSION) |
 //! | 64..68 | the wake word, a futex (futex(2)) that processes share |
 //! | 68..72 | the core that the driver last sent from, counted from 1; 0 where it does not say |
 //! | 128..136 | `counting` of the last frame; 0 where nothing was counted yet |

@@ -13,8 +13,8 @@ use rustix::process::{Resource, Rlimit, setrlimit};
 use support::child::{Role, role, say};
 use support::namespace::with_shared_memory;
 use support::*;
-use uvcam_shm_ipc::control::{ControlClient, ControlServer};
-use uvcam_shm_ipc::health::{HealthPublisher, HealthReader};
+use uvcam_shm_ipc::control::{ControlClient, ControlServer, control_service_name};
+use uvcam_shm_ipc::health::{HealthPublisher, HealthReader, health_service_name};
 use uvcam_shm_ipc::{
     FrameHeader, IpcError, LoanError, PixelFormat, Publisher, Settings, Subscriber, cleanup_dead_nodes,
     frame_service_name,
@@ -152,6 +152,23 @@ fn services_and_frames_that_somebody_holds() {
     assert!(matches!(error, IpcError::Incompatible { .. }), "{error:?}");
     says(&error, &[&frame_service_name(CAMERA), "stop its consumers", "same settings and version"]);
     drop(held);
+}
+
+#[test]
+fn health_and_control_tell_whoever_comes_too_late_that_all_places_are_taken() {
+    let place = Place::new();
+    let (settings, health, control) =
+        (&place.settings, health_service_name(CAMERA), control_service_name(CAMERA));
+    let _publisher = HealthPublisher::create(settings, CAMERA).unwrap();
+    let _readers: Vec<_> = (0..16).map(|_| HealthReader::open(settings, CAMERA).unwrap().unwrap()).collect();
+    let error = HealthReader::open(settings, CAMERA).map(drop).unwrap_err();
+    assert!(matches!(error, IpcError::TooManyConsumers(_)), "{error:?}");
+    says(&error, &[&health, "stop one"]);
+    let _server = ControlServer::create(settings, CAMERA).unwrap();
+    let _clients: Vec<_> = (0..4).map(|_| ControlClient::open(settings, CAMERA).unwrap().unwrap()).collect();
+    let error = ControlClient::open(settings, CAMERA).map(drop).unwrap_err();
+    assert!(matches!(error, IpcError::TooManyConsumers(_)), "{error:?}");
+    says(&error, &[&control, "stop one"]);
 }
 
 #[test]
