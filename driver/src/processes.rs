@@ -26,7 +26,9 @@ use launcher::Launcher;
 pub(crate) use part::run as run_part;
 
 /// How often the main process looks at health records.
-const GLANCE: Duration = Duration::from_millis(100);
+const GLANCE: Duration = Duration::from_millis(200);
+/// Time between two looks from which on the main process was stopped.
+const PAUSE: Duration = Duration::from_secs(1);
 /// How often it shows its status line, and cleans up.
 const TICK: Duration = Duration::from_secs(1);
 /// How long the driver's end waits for the cameras' processes, each of which waits for its camera's thread: longer than that.
@@ -77,7 +79,7 @@ impl Driver<'_> {
         loop {
             let now = Instant::now();
             // Who was stopped, or the whole machine, has missed what was said meanwhile: that is no silence of others.
-            if now.duration_since(awake) > 10 * GLANCE {
+            if now.duration_since(awake) > PAUSE {
                 self.cameras.iter_mut().for_each(|camera| camera.listen_anew(now));
             }
             awake = now;
