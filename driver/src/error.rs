@@ -169,6 +169,9 @@ pub fn panic_text(payload: &(dyn std::any::Any + Send)) -> String {
 #[cfg(test)]
 mod tests {
     use std::io;
+    use std::path::Path;
+
+    use uvcam_masker::{GrayImage, ImageViewMut, Mask, file};
 
     use super::*;
     use crate::camera::CameraError;
@@ -226,6 +229,27 @@ mod tests {
         assert_eq!(said, "reading the mask ended by a panic: index 7; please report it");
         assert_eq!(message(&Error::Busy("wait for it".into())), "wait for it");
         assert_eq!(message(&Error::Stopped), "stopped; nothing was stored");
+    }
+
+    #[test]
+    fn errors_of_other_rooms_keep_their_words() {
+        let nowhere = Path::new("/nowhere/left.png");
+        let picture = file::write_gray(nowhere, &GrayImage::new(2, 2), &[]).unwrap_err();
+        let mask = Mask::from_fn(2, 2, |_, _| true);
+        let mut row = [255; 2];
+        let applied = mask.apply(&mut ImageViewMut::new(&mut row, 2, 1, 2, 1).unwrap()).unwrap_err();
+        for (error, expected) in [
+            (picture.into(), "/nowhere/left.png"),
+            (
+                Error::MaskFile(Mask::load(nowhere).unwrap_err()),
+                "mask refused: cannot read `/nowhere/left.png`",
+            ),
+            (applied.into(), "frame not masked, so not published: "),
+            (LoanError::AllOnLoan(3).into(), "all 3 slots are on loan: publish or drop one"),
+        ] {
+            let said = with_causes(&error);
+            assert!(said.contains(expected), "{said}");
+        }
     }
 
     #[test]
