@@ -11,12 +11,20 @@ use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use uvcam_shm_ipc::health::State;
 use uvcam_tests::{Stage, binary, health_where, next_frame, simulated, status_field, stderr, wait_until};
 
-/// A camera that gives the driver something to say three times, and a sibling.
+const SIZE: (u32, u32) = (64, 48);
+
+/// A camera that gives the driver something to say three times, and a sibling. Small ones that stand still, and a second of frames in
+/// hand, so that what is lost tells of the log and not of a busy machine.
 fn cameras() -> Stage {
     let unplug = |at_frame| format!("{{ kind = \"unplug\", at_frame = {at_frame}, seconds = 0.1 }}");
     let faults = format!(", faults = [{}, {}, {}]", unplug(20), unplug(40), unplug(60));
-    let stage = Stage::new(&(simulated("left", "left.png", &faults) + &simulated("right", "none", "")));
-    stage.write_mask("left.png", (752, 480), 10);
+    let camera = |name: &str, mask: &str, faults: &str| {
+        let large = simulated(name, mask, &format!(", still = true{faults}"));
+        large.replace("width = 752\nheight = 480", &format!("width = {}\nheight = {}", SIZE.0, SIZE.1))
+    };
+    let cameras = camera("left", "left.png", &faults) + &camera("right", "none", "");
+    let stage = Stage::new(&("buffer = 64\nslots = 64\n".to_owned() + &cameras));
+    stage.write_mask("left.png", SIZE, 1);
     stage
 }
 
@@ -57,7 +65,7 @@ fn assert_flies(stage: &Stage, read_masks: impl FnOnce()) {
     health_where("four epochs of the faulty camera", &mut stage.health("left"), |health| {
         health.epochs == 4 && health.state() == Ok(State::Streaming)
     });
-    let mask = stage.write_mask("left.png", (752, 480), 200);
+    let mask = stage.write_mask("left.png", SIZE, 20);
     read_masks();
     let mut left = stage.subscriber("left");
     wait_until("the new mask flies", || next_frame(&mut left).header().mask_id == mask.id().0);
