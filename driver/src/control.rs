@@ -114,3 +114,14 @@ impl ControlServers {
         requests
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn numbers_arrive_as_they_were_sent() {
+        for number in [3e93, 1000.1, 0.1 + 0.2] {
+            let text = serde_json::to_string(&number).unwrap();
+            assert_eq!(serde_json::from_str::<f64>(&text).unwrap(), number);
+        }
+    }
+}

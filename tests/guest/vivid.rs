@@ -228,7 +228,13 @@ fn a_second_driver_is_refused_and_costs_the_first_nothing() {
     let mut subscriber = stages[0].subscriber("left");
     let _driver = stages[0].driver();
     expected[0].check(&next_frame(&mut subscriber));
-    let second = stages[1].driver().finish();
+    let second = std::thread::scope(|scope| {
+        let second = scope.spawn(|| stages[1].driver().finish());
+        while !second.is_finished() {
+            expected[0].check(&next_frame(&mut subscriber));
+        }
+        second.join().unwrap()
+    });
     assert_eq!(second.status.code(), Some(4), "{}", stderr(&second));
     assert!(stderr(&second).contains("another program uses it"), "{}", stderr(&second));
     for _ in 0..20 {

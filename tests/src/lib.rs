@@ -209,10 +209,21 @@ impl Process {
         kill_process(Pid::from_child(&self.child), signal).unwrap();
     }
 
-    /// Kills it without a word, as a crash or an empty battery does.
+    /// Kills it without a word, as a crash or an empty battery does. What it has started is gone as well afterwards.
     pub fn kill(mut self) {
-        self.child.kill().unwrap();
-        self.child.wait().unwrap();
+        self.end();
+    }
+
+    fn end(&mut self) {
+        let started = children(self.id());
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        // They end by themselves, and may hold a device until then. Where nobody waits for them, a zombie remains.
+        let lives = |id: &u32| status_field(*id, "State:").is_some_and(|state| !state.starts_with('Z'));
+        let begin = Instant::now();
+        while started.iter().any(lives) && begin.elapsed() < PATIENCE {
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     /// Asks it to stop, and returns what it said.
@@ -253,8 +264,7 @@ impl Process {
 
 impl Drop for Process {
     fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        self.end();
         // Where a test fails, the reason may be what the process said.
         if std::thread::panicking()
             && let Some(mut said) = self.child.stderr.take()
