@@ -62,7 +62,7 @@ $(LAB)/kernel:
 	mv $@.part $@
 
 .PHONY: fuzz
-fuzz: $(FUZZ:%=fuzz-%) ## Fuzz what comes from outside; FUZZ_S=20 is twenty seconds a target, RUNS=10000000 that many inputs, FUZZ=png one of them
+fuzz: $(FUZZ:%=fuzz-%) ## Fuzz what comes from outside; FUZZ_S=20 is twenty seconds a target, RUNS=10000000 that many inputs, SEED=1 the same ones each time, FUZZ=png one of them
 
 .PHONY: fuzz-build
 fuzz-build: packages
@@ -73,7 +73,7 @@ fuzz-build: packages
 fuzz-%: fuzz-build
 	$(CARGO_FUZZ) run $(FUZZ_BUILD) $* -- $(addprefix -dict=,$(wildcard tests/fuzz/dictionaries/$*.dict)) \
 		$(if $(RUNS),-runs=$(RUNS),-max_total_time=$(or $(FUZZ_S),60)) \
-		-max_len=4096 -rss_limit_mb=512 -timeout=30 -verbosity=0 -print_final_stats=1
+		-seed=$(or $(SEED),0) -max_len=4096 -rss_limit_mb=512 -timeout=30 -verbosity=0 -print_final_stats=1
 
 .PHONY: bench
 bench: packages bench-packages ## Compare the driver with other ways to carry frames; BENCH='--rounds 1 --seconds 2' is quick

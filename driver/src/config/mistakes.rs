@@ -9,6 +9,11 @@ use super::error::{Text, shortened};
 use super::keys::{TOP, home_of, suggestion, table_of};
 use super::statement::{Statement, boolean, number};
 
+/// Whether what stands for a key begins as one.
+fn names_a_key(key: &str) -> bool {
+    key.starts_with(|first: char| first.is_alphanumeric() || "_\"'".contains(first))
+}
+
 impl Text<'_> {
     /// What is wrong with a text that is not TOML.
     pub(super) fn not_toml(&self, error: &toml::de::Error) -> ConfigError {
@@ -20,7 +25,7 @@ impl Text<'_> {
         }
         let statement = Statement::at(self.text, span.start);
         let cause = match statement.remedy(message) {
-            Some(write) if !statement.key.is_empty() => {
+            Some(write) if names_a_key(&statement.key) => {
                 return self.mistyped(span.start, &statement.key, statement.found(), write);
             }
             Some(write) => format!("{}; {write}", statement.line()),

@@ -162,11 +162,12 @@ fn cameras_in_single_brackets() {
 }
 
 #[test]
-fn headings_without_a_name() {
+fn headings_and_keys_without_a_name() {
     check(&[
         ("[[camera]]", "[", "uvcam.toml:2: not TOML: [; write a name between the brackets"),
         ("[[camera]]", "[[]", "uvcam.toml:2: not TOML: [[]; write a name between the brackets"),
         ("exposure_us = 1000", "= 1000", "uvcam.toml:8: not TOML: "),
+        ("exposure_us = 1000", ": exposure = true", "uvcam.toml:8: not TOML: : exposure = true; "),
     ]);
 }
 
