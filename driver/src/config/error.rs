@@ -121,7 +121,7 @@ impl Text<'_> {
     pub(super) fn refuse(&self, span: Range<usize>, key: &str, found: String, allowed: &str) -> ConfigError {
         ConfigError::Value {
             place: self.place(span.start),
-            key: shortened(key),
+            key: named(key),
             found: printable(&found),
             allowed: printable(allowed),
         }
@@ -130,11 +130,16 @@ impl Text<'_> {
     pub(super) fn mistyped(&self, offset: usize, key: &str, found: String, write: String) -> ConfigError {
         ConfigError::Mistyped {
             place: self.place(offset),
-            key: shortened(key),
+            key: named(key),
             found: printable(&found),
             write: printable(&write),
         }
     }
+}
+
+/// A key for a message. TOML knows one of no characters, between quotes.
+fn named(key: &str) -> String {
+    if key.is_empty() { "\"\"".into() } else { shortened(key) }
 }
 
 /// The text without what would change a terminal.

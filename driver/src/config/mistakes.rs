@@ -5,7 +5,7 @@ use std::ops::Range;
 use toml::de::{DeTable, DeValue};
 
 use super::ConfigError;
-use super::error::{Text, shortened};
+use super::error::{Text, printable, shortened};
 use super::keys::{TOP, home_of, suggestion, table_of};
 use super::statement::{Statement, boolean, number};
 
@@ -28,7 +28,7 @@ impl Text<'_> {
             Some(write) if names_a_key(&statement.key) => {
                 return self.mistyped(span.start, &statement.key, statement.found(), write);
             }
-            Some(write) => format!("{}; {write}", statement.line()),
+            Some(write) => format!("{}; {}", statement.line(), printable(&write)),
             None => format!("{}: {message}", statement.line()),
         };
         ConfigError::Syntax { place: self.place(span.start), cause }

@@ -167,6 +167,7 @@ fn headings_and_keys_without_a_name() {
         ("[[camera]]", "[", "uvcam.toml:2: not TOML: [; write a name between the brackets"),
         ("[[camera]]", "[[]", "uvcam.toml:2: not TOML: [[]; write a name between the brackets"),
         ("exposure_us = 1000", "= 1000", "uvcam.toml:8: not TOML: "),
+        ("exposure_us = 1000", "\"\" = 1000", "uvcam.toml:8: \"\": found an unknown key"),
         ("exposure_us = 1000", ": exposure = true", "uvcam.toml:8: not TOML: : exposure = true; "),
     ]);
 }
