@@ -61,16 +61,16 @@ pub fn message(error: &dyn Error) -> String {
 
 /// The next header of a frame, and the length of its payload; `None` where too few bytes are left.
 pub fn header(bytes: &mut &[u8]) -> Option<(FrameHeader, usize)> {
-    // Safety: law of `FrameHeader`: any bytes are a valid one.
+    // SAFETY: law of `FrameHeader`: any bytes are a valid one.
     let header = unsafe { take(bytes) }?;
-    // Safety: a number.
+    // SAFETY: a number.
     let payload_len = unsafe { take(bytes) }?;
     Some((header, payload_len))
 }
 
 /// A record of health; `None` where there are too few bytes.
 pub fn health(mut bytes: &[u8]) -> Option<Health> {
-    // Safety: law of `Health`: any bytes are a valid one.
+    // SAFETY: law of `Health`: any bytes are a valid one.
     unsafe { take(&mut bytes) }
 }
 
@@ -79,6 +79,6 @@ pub fn health(mut bytes: &[u8]) -> Option<Health> {
 unsafe fn take<T: Copy>(bytes: &mut &[u8]) -> Option<T> {
     let (taken, rest) = bytes.split_at_checked(size_of::<T>())?;
     *bytes = rest;
-    // Safety: `taken` has the size of a `T`, and need not be aligned.
+    // SAFETY: `taken` has the size of a `T`, and need not be aligned.
     Some(unsafe { taken.as_ptr().cast::<T>().read_unaligned() })
 }

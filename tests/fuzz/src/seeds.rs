@@ -193,7 +193,7 @@ fn records(folder: &Path) {
 
 /// The bytes of a record of the contract, which has no padding.
 fn bytes_of<T: Copy>(record: &T) -> &[u8] {
-    // Safety: a record without padding lies there for as long as it is borrowed.
+    // SAFETY: a record without padding lies there for as long as it is borrowed.
     unsafe { slice::from_ref(record).align_to().1 }
 }
 
