@@ -7,9 +7,11 @@ use std::fs::{self, File, Metadata};
 use std::io::{self, Read};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use iceoryx2::config::Config;
-use rustix::fs::{Access, AtFlags, CWD, StatVfsMountFlags, accessat, statvfs};
+use rustix::fs::{Access, AtFlags, CWD, FlockOperation, StatVfsMountFlags, accessat, flock, statvfs};
 use rustix::io::Errno;
 use rustix::process::{Resource, geteuid, getrlimit};
 
@@ -23,6 +25,9 @@ const ROOM_FILES: u64 = 32;
 pub(crate) const FILES: u64 = 16;
 /// Address space of the same.
 pub(crate) const MAPPED_BYTES: u64 = 4 << 20;
+/// How long to wait for others that take shared memory: far longer than it takes.
+const LONGEST_TURN: Duration = Duration::from_secs(2);
+const TURN_RETRY: Duration = Duration::from_millis(2);
 /// What `/etc/passwd` may hold to be searched for a name.
 const LONGEST_PASSWD: u64 = 4 << 20;
 
@@ -84,6 +89,22 @@ pub(crate) fn check_room(bytes: u64) -> Result<(), IpcError> {
         return Ok(());
     }
     Err(IpcError::NoRoom { need_bytes, free_bytes, free_files: found.f_favail })
+}
+
+/// Keeps other drivers of this `root_path` from counting the same free bytes, from the look at `/dev/shm` until the memory is taken: as long
+/// as the file is open.
+///
+/// `None` where one of them holds on to its turn, stopped perhaps: that must not keep the others on the ground.
+pub(crate) fn take_turn(config: &Config) -> Option<File> {
+    let folder = File::open(config.global.root_path().to_string()).ok()?;
+    let give_up = Instant::now() + LONGEST_TURN;
+    loop {
+        match flock(&folder, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => return Some(folder),
+            Err(Errno::WOULDBLOCK | Errno::INTR) if Instant::now() < give_up => thread::sleep(TURN_RETRY),
+            Err(_) => return None,
+        }
+    }
 }
 
 /// Fails where a file that others find by its name belongs to another user, who could change it under our eyes.

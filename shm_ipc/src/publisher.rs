@@ -81,6 +81,7 @@ impl Publisher {
         if frames.dynamic_config().number_of_publishers() > 0 {
             return Err(IpcError::AlreadyPublishing(address.camera));
         }
+        let turn = premises::take_turn(&address.config);
         let need_bytes = check_space(&address.camera, &frames, frame_bytes, loans)?;
         let publisher = frames
             .publisher_builder()
@@ -129,6 +130,7 @@ impl Publisher {
         };
         publisher.take_memory()?;
         publisher.address.take_small_files()?;
+        drop(turn);
         Ok(publisher)
     }
 
