@@ -218,10 +218,9 @@ impl Process {
         let started = children(self.id());
         let _ = self.child.kill();
         let _ = self.child.wait();
-        // They end by themselves, and may hold a device until then. Where nobody waits for them, a zombie remains.
-        let lives = |id: &u32| status_field(*id, "State:").is_some_and(|state| !state.starts_with('Z'));
+        // They end by themselves, and may hold a device until then.
         let begin = Instant::now();
-        while started.iter().any(lives) && begin.elapsed() < PATIENCE {
+        while started.iter().any(|id| lives(*id)) && begin.elapsed() < PATIENCE {
             std::thread::sleep(Duration::from_millis(1));
         }
     }
@@ -281,6 +280,14 @@ pub fn children(parent: u32) -> Vec<u32> {
     let processes = std::fs::read_dir("/proc").unwrap().flatten();
     let ids = processes.filter_map(|process| process.file_name().to_str()?.parse().ok());
     ids.filter(|id| status_field(*id, "PPid:").is_some_and(|id| id == parent.to_string())).collect()
+}
+
+/// Whether a process has files open, or may open some. Where nobody waits for it, a zombie remains, and is one while other threads of it
+/// still end.
+fn lives(id: u32) -> bool {
+    let is_zombie = status_field(id, "State:").is_none_or(|state| state.starts_with('Z'));
+    let threads = std::fs::read_dir(format!("/proc/{id}/task")).map_or(0, Iterator::count);
+    !is_zombie || threads > 1
 }
 
 /// A field of a process's status (proc_pid_status(5)); nothing where there is no such process any more.
