@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
+use uvcam_shm_ipc::control::Progress;
 use uvcam_shm_ipc::{FrameHeader, Publisher};
 
 use crate::back_off::BackOff;
@@ -18,7 +19,7 @@ use crate::config::{CameraConfig, Ipc};
 use crate::counters::{Counters, add};
 use crate::error::{Error, panic_text, with_causes};
 use crate::frame_path::{Command, FramePath, Leave, Position};
-use crate::generate::Order;
+use crate::generate::{CancelToken, Collector, LitFrames, Request, Task};
 use crate::mask::{self, MaskInForce};
 
 mod closing;
@@ -44,20 +45,31 @@ pub enum State {
     Refused(Error),
 }
 
-/// A change of state of one camera, by its place in the configuration.
+impl State {
+    /// Whether the camera's thread panicked, and with it lost what it was told to do.
+    pub fn is_panic(&self) -> bool {
+        matches!(self, State::Waiting(Error::Panicked { .. }))
+    }
+}
+
+/// What a camera's thread tells of.
 #[derive(Debug)]
 pub struct Notice {
     /// The camera's place in the configuration.
     pub camera: usize,
-    /// Its new state.
-    pub state: State,
+    /// What has happened.
+    pub news: News,
 }
 
-impl Notice {
-    /// Whether the camera's thread panicked, and with it lost what it was told to do.
-    pub fn is_panic(&self) -> bool {
-        matches!(self.state, State::Waiting(Error::Panicked { .. }))
-    }
+/// What has happened to a camera.
+#[derive(Debug)]
+pub enum News {
+    /// Its thread does something else now.
+    State(State),
+    /// Another lit frame came.
+    Progress(Progress),
+    /// Lit frames were collected for a task, or not, and the camera has its flight settings again, or failed.
+    Collected(CancelToken, Box<Result<LitFrames, Error>>),
 }
 
 /// A camera's thread.
@@ -105,12 +117,28 @@ impl Supervisor {
         }
     }
 
-    /// Fulfils an order for a camera that no driver runs.
-    pub fn fulfil_alone(camera: &CameraConfig, ipc: &Ipc, stop: Arc<AtomicBool>, order: Order) {
+    /// Collects lit frames of a camera that no driver runs, until they suffice or `stop` is set. `progress` is called after each of them.
+    ///
+    /// # Errors
+    /// Those of [`Collector::run`]; [`Error::Camera`] where it cannot be opened; [`Error::NotRestored`] where it does not take its flight
+    /// settings back.
+    pub fn collect_alone(
+        camera: &CameraConfig,
+        ipc: &Ipc,
+        stop: Arc<AtomicBool>,
+        request: Request,
+        progress: impl Fn(Progress) + Send + 'static,
+    ) -> Result<LitFrames, Error> {
         let (_, commands) = channel();
-        let counters = Arc::default();
-        Supervisor::new(0, camera.clone(), ipc.clone(), commands, Box::new(|_| ()), counters, stop)
-            .fulfil_while_closed(order);
+        let notify = Box::new(move |notice: Notice| {
+            if let News::Progress(so_far) = notice.news {
+                progress(so_far);
+            }
+        });
+        let mut supervisor =
+            Supervisor::new(0, camera.clone(), ipc.clone(), commands, notify, Arc::default(), stop);
+        let mut camera = supervisor.open()?;
+        supervisor.collect(camera.as_mut(), request, &CancelToken::default()).0
     }
 
     /// Runs until told to stop. A panic, of the camera's library or of ours, ends an attempt as an error does: the camera is closed, and
@@ -191,7 +219,7 @@ impl Supervisor {
             self.counters.live();
             match self.commands.recv_timeout(PATIENCE) {
                 Ok(Command::Mask(mask)) => return Some(mask),
-                Ok(Command::Generate(order)) => self.fulfil_while_closed(*order),
+                Ok(Command::Generate(task)) => self.generate_while_closed(*task),
                 // Looked at when the next publisher is needed.
                 Ok(Command::Republish) => {}
                 Err(RecvTimeoutError::Timeout) => {}
@@ -229,7 +257,7 @@ impl Supervisor {
         }
     }
 
-    /// Publishes the frames of an opened camera. Orders for lit frames are fulfilled between two epochs.
+    /// Publishes the frames of an opened camera. Lit frames are collected between two epochs.
     fn stream_from(
         &mut self,
         camera: &mut dyn Camera,
@@ -257,9 +285,9 @@ impl Supervisor {
             let left = path.run(&self.stop, || self.notify(State::Streaming(identity)));
             self.publisher = Some(publisher);
             match left? {
-                Leave::Generate(order) => {
+                Leave::Generate(task) => {
                     self.notify(State::Generating);
-                    self.fulfil(camera, *order)?;
+                    self.generate(camera, *task)?;
                 }
                 Leave::Republish => {}
                 Leave::Stop => return Ok(()),
@@ -283,35 +311,50 @@ impl Supervisor {
         Ok(publisher)
     }
 
-    /// Collects lit frames, and gives the camera its flight settings back before it says so.
-    fn fulfil(&mut self, camera: &mut dyn Camera, mut order: Order) -> Result<(), Error> {
-        let publisher = self.publisher_for(self.camera.settings.frame_bytes())?;
-        let collected = order.collect(camera, &self.camera.settings, &publisher, self.ipc.slots, &self.stop);
-        camera.stop();
-        self.publisher = Some(publisher);
-        let restored = camera.configure(&self.camera.settings);
-        let Order { done, generator, .. } = order;
-        match (collected, restored) {
-            (Ok(applied), Ok(_)) => done(generator, Ok(applied)),
-            (Err(error), Ok(_)) => done(generator, Err(error)),
-            (_, Err(error)) => {
-                done(generator, Err(Error::NotRestored(with_causes(&error))));
-                return Err(error.into());
-            }
-        }
-        Ok(())
+    /// Collects lit frames, and says so when the camera has its flight settings again.
+    ///
+    /// # Errors
+    /// [`CameraError`] where it does not take them back: it is to be dropped.
+    fn generate(&mut self, camera: &mut dyn Camera, task: Task) -> Result<(), CameraError> {
+        let Task { request, cancel } = task;
+        let (lit_frames, restored) = self.collect(camera, request, &cancel);
+        self.tell(News::Collected(cancel, Box::new(lit_frames)));
+        restored.map(drop)
     }
 
-    /// Fulfils an order for a camera that publishes nothing, and closes it again.
-    fn fulfil_while_closed(&mut self, order: Order) {
+    /// The same for a camera that publishes nothing, which is closed again.
+    fn generate_while_closed(&mut self, task: Task) {
         match self.open() {
-            // What went wrong was told to whoever ordered.
-            Ok(mut camera) => drop(self.fulfil(camera.as_mut(), order)),
-            Err(error) => {
-                let Order { done, generator, .. } = order;
-                done(generator, Err(error.into()));
-            }
+            // What went wrong was told.
+            Ok(mut camera) => drop(self.generate(camera.as_mut(), task)),
+            Err(error) => self.tell(News::Collected(task.cancel, Box::new(Err(error.into())))),
         }
+    }
+
+    /// Lit frames, and what the camera applied when it was given its flight settings back.
+    fn collect(
+        &mut self,
+        camera: &mut dyn Camera,
+        request: Request,
+        cancel: &CancelToken,
+    ) -> (Result<LitFrames, Error>, Result<Applied, CameraError>) {
+        let flight = self.camera.settings.clone();
+        let collected = self.publisher_for(flight.frame_bytes()).and_then(|publisher| {
+            let slots = self.ipc.slots;
+            let mut collector =
+                Collector { camera: &mut *camera, flight: &flight, publisher: &publisher, slots };
+            let is_over = || self.stopped() || cancel.is_cancelled();
+            let collected = collector.run(request, is_over, |progress| self.tell(News::Progress(progress)));
+            self.publisher = Some(publisher);
+            collected
+        });
+        camera.stop();
+        let restored = camera.configure(&flight);
+        let collected = match &restored {
+            Ok(_) => collected,
+            Err(error) => Err(Error::NotRestored(with_causes(error))),
+        };
+        (collected, restored)
     }
 
     /// What stays the same over one epoch.
@@ -344,7 +387,11 @@ impl Supervisor {
     }
 
     fn notify(&self, state: State) {
-        (self.notify)(Notice { camera: self.place, state });
+        self.tell(News::State(state));
+    }
+
+    fn tell(&self, news: News) {
+        (self.notify)(Notice { camera: self.place, news });
     }
 }
 
