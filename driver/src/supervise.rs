@@ -6,7 +6,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
 use uvcam_shm_ipc::control::Progress;
@@ -17,12 +17,13 @@ use crate::camera::source::{self, CameraSource};
 use crate::camera::{Applied, Camera, CameraError, Identity};
 use crate::config::{CameraConfig, Ipc};
 use crate::counters::{Counters, add};
-use crate::error::{Error, panic_text, with_causes};
+use crate::error::{Error, panic_text};
 use crate::frame_path::{Command, FramePath, Leave, Position};
-use crate::generate::{CancelToken, Collector, LitFrames, Request, Task};
+use crate::generate::{CancelToken, LitFrames};
 use crate::mask::{self, MaskInForce};
 
 mod closing;
+mod lit_frames;
 mod time;
 
 pub(crate) use closing::CLOSING;
@@ -115,30 +116,6 @@ impl Supervisor {
             stop,
             time: Box::new(SystemTime),
         }
-    }
-
-    /// Collects lit frames of a camera that no driver runs, until they suffice or `stop` is set. `progress` is called after each of them.
-    ///
-    /// # Errors
-    /// Those of [`Collector::run`]; [`Error::Camera`] where it cannot be opened; [`Error::NotRestored`] where it does not take its flight
-    /// settings back.
-    pub fn collect_alone(
-        camera: &CameraConfig,
-        ipc: &Ipc,
-        stop: Arc<AtomicBool>,
-        request: Request,
-        progress: impl Fn(Progress) + Send + 'static,
-    ) -> Result<LitFrames, Error> {
-        let (_, commands) = channel();
-        let notify = Box::new(move |notice: Notice| {
-            if let News::Progress(so_far) = notice.news {
-                progress(so_far);
-            }
-        });
-        let mut supervisor =
-            Supervisor::new(0, camera.clone(), ipc.clone(), commands, notify, Arc::default(), stop);
-        let mut camera = supervisor.open()?;
-        supervisor.collect(camera.as_mut(), request, &CancelToken::default()).0
     }
 
     /// Runs until told to stop. A panic, of the camera's library or of ours, ends an attempt as an error does: the camera is closed, and
@@ -309,52 +286,6 @@ impl Supervisor {
         let publisher = Publisher::create(settings, &self.camera.name, payload_bytes, self.ipc.loans())?;
         self.counters.set_footing(Some(publisher.footing().clone()));
         Ok(publisher)
-    }
-
-    /// Collects lit frames, and says so when the camera has its flight settings again.
-    ///
-    /// # Errors
-    /// [`CameraError`] where it does not take them back: it is to be dropped.
-    fn generate(&mut self, camera: &mut dyn Camera, task: Task) -> Result<(), CameraError> {
-        let Task { request, cancel } = task;
-        let (lit_frames, restored) = self.collect(camera, request, &cancel);
-        self.tell(News::Collected(cancel, Box::new(lit_frames)));
-        restored.map(drop)
-    }
-
-    /// The same for a camera that publishes nothing, which is closed again.
-    fn generate_while_closed(&mut self, task: Task) {
-        match self.open() {
-            // What went wrong was told.
-            Ok(mut camera) => drop(self.generate(camera.as_mut(), task)),
-            Err(error) => self.tell(News::Collected(task.cancel, Box::new(Err(error.into())))),
-        }
-    }
-
-    /// Lit frames, and what the camera applied when it was given its flight settings back.
-    fn collect(
-        &mut self,
-        camera: &mut dyn Camera,
-        request: Request,
-        cancel: &CancelToken,
-    ) -> (Result<LitFrames, Error>, Result<Applied, CameraError>) {
-        let flight = self.camera.settings.clone();
-        let collected = self.publisher_for(flight.frame_bytes()).and_then(|publisher| {
-            let slots = self.ipc.slots;
-            let mut collector =
-                Collector { camera: &mut *camera, flight: &flight, publisher: &publisher, slots };
-            let is_over = || self.stopped() || cancel.is_cancelled();
-            let collected = collector.run(request, is_over, |progress| self.tell(News::Progress(progress)));
-            self.publisher = Some(publisher);
-            collected
-        });
-        camera.stop();
-        let restored = camera.configure(&flight);
-        let collected = match &restored {
-            Ok(_) => collected,
-            Err(error) => Err(Error::NotRestored(with_causes(error))),
-        };
-        (collected, restored)
     }
 
     /// What stays the same over one epoch.
