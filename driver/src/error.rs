@@ -13,6 +13,7 @@ use uvcam_shm_ipc::{HeaderError, IpcError, LoanError};
 use crate::camera::CameraError;
 use crate::config::ConfigError;
 use crate::exit::Exit;
+use crate::generate::RequestError;
 
 /// Why a command, or one camera of a running driver, did not do what was asked.
 #[derive(Debug, Error)]
@@ -35,6 +36,9 @@ pub enum Error {
     /// A picture cannot be read or written.
     #[error(transparent)]
     Picture(#[from] FileError),
+    /// A mask was requested that cannot be.
+    #[error(transparent)]
+    Request(#[from] RequestError),
     /// A mask cannot be computed.
     #[error("no mask generated")]
     Generate(#[from] GenerateError),
@@ -106,6 +110,7 @@ impl Error {
             }
             Error::Config(_)
             | Error::Usage(_)
+            | Error::Request(_)
             | Error::Generate(_)
             | Error::Ipc(IpcError::CameraName(_) | IpcError::Setting { .. }) => Exit::Usage,
             Error::Frame(FileError::NotAFrame { .. })
