@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 use uvcam_masker::generate::{IgnoredRegion, Parameters};
-use uvcam_shm_ipc::PixelFormat;
 
 use crate::camera::Settings;
 pub use crate::camera::source::{Fault, FaultKind, Simulated, Source, V4l2, V4l2Device, V4l2Memory};
@@ -167,13 +166,6 @@ fn digest(text: &str) -> [u8; 16] {
     let mut digest = [0; 16];
     digest.iter_mut().zip(Sha256::digest(text)).for_each(|(kept, byte)| *kept = byte);
     digest
-}
-
-impl Settings {
-    /// Bytes of one frame without row padding.
-    pub fn frame_bytes(&self) -> usize {
-        self.width as usize * self.height as usize * PixelFormat::bytes_per_pixel(self.pixel_format)
-    }
 }
 
 // Their texts name every kind of camera.

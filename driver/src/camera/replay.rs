@@ -112,16 +112,7 @@ impl Camera for ReplayCamera {
         }
         self.size = (width, height);
         self.fps = settings.fps;
-        Ok(Applied {
-            width: settings.width,
-            height: settings.height,
-            stride: settings.width,
-            pixel_format: PixelFormat::Mono8,
-            fps: settings.fps,
-            exposure_us: settings.exposure_us,
-            gain_db: settings.gain_db,
-            payload_bytes: settings.frame_bytes(),
-        })
+        Ok(Applied::exactly(settings))
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
