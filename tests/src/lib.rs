@@ -18,6 +18,7 @@ use uvcam_shm_ipc::health::{Health, HealthReader};
 use uvcam_shm_ipc::{Frame, Settings, Subscriber};
 
 pub mod conformance;
+pub mod dice;
 pub mod namespace;
 pub mod network;
 mod shared_memory;
