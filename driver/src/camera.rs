@@ -3,9 +3,9 @@
 //! The frame path owns the rhythm: it hands empty [`Slot`]s to a camera with [`Camera::queue`], waits for filled ones with
 //! [`Camera::next`], masks and publishes them. A camera never touches a pixel after it has reported the frame complete.
 //!
-//! A [`source`] opens them. Each implementation lives in a file of its own: [`simulated`] and `replay` need no hardware, `aravis` speaks
-//! USB3 Vision and GigE Vision, `v4l2` the kernel's video drivers. All of them stand behind one `guard`, which watches over the order of
-//! calls, and pass one conformance suite.
+//! A [`source`] opens them, and [`kinds`] knows which there are. Each implementation lives in a file of its own: [`simulated`] and
+//! `replay` need no hardware, `aravis` speaks USB3 Vision and GigE Vision, `v4l2` the kernel's video drivers. All of them stand behind
+//! one `guard`, which watches over the order of calls, and pass one conformance suite.
 
 use std::fmt;
 use std::time::Duration;
@@ -21,6 +21,7 @@ mod gige_vision;
 mod grid;
 mod guard;
 mod identity;
+pub mod kinds;
 mod paced;
 mod replay;
 mod settings;

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::camera::source::is_built_in;
+use crate::camera::kinds::is_built_in;
 use crate::config::Config;
 
 mod access;

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
 
-use crate::camera::source;
+use crate::camera::kinds;
 
 /// Lines that may wait for stderr, and the longest of them in bytes; a longer one is cut.
 const WAITING: usize = 1024;
@@ -65,7 +65,7 @@ pub fn start() -> io::Result<()> {
         .init();
     std::panic::set_hook(Box::new(tell_panic));
     uvcam_shm_ipc::log_to(|text| tracing::warn!("{text}"));
-    source::log_libraries();
+    kinds::log_libraries();
     Ok(())
 }
 

@@ -12,7 +12,8 @@ use std::time::Duration;
 use uvcam_shm_ipc::{FrameHeader, Publisher};
 
 use crate::back_off::BackOff;
-use crate::camera::source::{self, CameraSource};
+use crate::camera::kinds;
+use crate::camera::source::CameraSource;
 use crate::camera::{Applied, Camera, CameraError, Identity};
 use crate::config::{CameraConfig, Ipc};
 use crate::counters::{Counters, add};
@@ -24,7 +25,6 @@ use crate::mask::{self, MaskInForce};
 mod closing;
 mod time;
 
-pub(crate) use closing::CLOSING;
 use closing::Closing;
 use time::{SystemTime, Time};
 
@@ -88,7 +88,7 @@ impl Supervisor {
         counters: Arc<Counters>,
         stop: Arc<AtomicBool>,
     ) -> Self {
-        let source = source::of(&camera.source);
+        let source = kinds::source_of(&camera.source);
         Supervisor {
             place,
             camera,

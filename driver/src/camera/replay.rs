@@ -10,7 +10,7 @@ use uvcam_shm_ipc::{Flags, PixelFormat, Slot, monotonic_ns};
 use super::paced::{Due, Paced, deadline};
 use super::source::CameraSource;
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
-use crate::error::with_causes;
+use crate::causes::with_causes;
 
 mod ahead;
 mod folder;

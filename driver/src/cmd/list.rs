@@ -1,12 +1,12 @@
 //! `uvcam list`: the cameras that can be opened.
 
 use crate::args;
-use crate::camera::{Identity, source};
+use crate::camera::{Identity, kinds};
 use crate::error::Error;
 use crate::exit::Exit;
 
 pub(super) fn execute(arguments: &args::List) -> Result<Exit, Error> {
-    let cameras = source::list();
+    let cameras = kinds::list();
     if arguments.json {
         // A list of plain texts always has a JSON form.
         super::print(&serde_json::to_string_pretty(&cameras).unwrap_or_default())?;
@@ -15,7 +15,7 @@ pub(super) fn execute(arguments: &args::List) -> Result<Exit, Error> {
     if cameras.is_empty() {
         tracing::warn!(
             "no camera found; check cables, power, and the rights on the device (udev rules){}",
-            without(&source::KINDS)
+            without(&kinds::KINDS)
         );
         return Ok(Exit::Done);
     }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use toml::Spanned;
 use uvcam_masker::generate::{CameraPlace, IgnoredRegion, LEAF_SIZES, Parameters};
 
-use super::document::{EXPOSURE, GAIN, Reader};
+use super::reader::{EXPOSURE, GAIN, Reader};
 use super::{ConfigError, Generate};
 use crate::camera::Settings;
 

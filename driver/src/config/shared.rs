@@ -1,19 +1,26 @@
 //! What two cameras must not have in common: a name, a device, or files of a mask.
 
+use std::ops::Range;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Component, Path, PathBuf};
 
-use super::document::Places;
 use super::error::Text;
 use super::{CameraConfig, ConfigError, MaskChoice, Source, V4l2, V4l2Device};
-use crate::mask_store::MaskStore;
+use crate::mask_files::MaskFiles;
+
+/// Where the keys are that no two cameras may have in common.
+pub(super) struct Places {
+    pub(super) name: Range<usize>,
+    pub(super) source: Range<usize>,
+    pub(super) mask: Range<usize>,
+}
 
 /// What the cameras read so far have taken, each with the camera's name.
 #[derive(Default)]
 pub(super) struct Shared {
     names: Vec<String>,
     devices: Vec<(String, Device)>,
-    masks: Vec<(String, MaskFiles)>,
+    masks: Vec<(String, Claim)>,
 }
 
 impl Shared {
@@ -39,7 +46,7 @@ impl Shared {
             self.devices.push((name.clone(), device));
         }
         if let MaskChoice::File(path) = &camera.mask {
-            let files = MaskFiles::of(path);
+            let files = Claim::of(path);
             if let Some((other, theirs)) = self.masks.iter().find(|(_, other)| other.meets(&files)) {
                 let found = match theirs.in_force == files.in_force || theirs.inode_is_that_of(&files) {
                     true => format!("{} for \"{name}\", which is the mask of \"{other}\"", path.display()),
@@ -106,8 +113,8 @@ fn is_device_id_of(id: &str, serial: &str) -> bool {
     model.is_some_and(|model| model.contains('-'))
 }
 
-/// The places that are written to for one mask.
-struct MaskFiles {
+/// What a camera claims for its mask: all places that are written to.
+struct Claim {
     in_force: PathBuf,
     /// Device and inode of the mask in force, where it is there.
     inode: Option<(u64, u64)>,
@@ -116,23 +123,22 @@ struct MaskFiles {
     histories: Vec<PathBuf>,
 }
 
-impl MaskFiles {
+impl Claim {
     fn of(path: &Path) -> Self {
         let in_force = resolved(path);
         let inode = std::fs::metadata(path).ok().map(|file| (file.dev(), file.ino()));
-        let mut files =
-            MaskFiles { in_force: in_force.clone(), inode, names: Vec::new(), histories: Vec::new() };
+        let mut files = Claim { in_force: in_force.clone(), inode, names: Vec::new(), histories: Vec::new() };
         let link = path.parent().zip(path.file_name()).map(|(folder, name)| resolved(folder).join(name));
         for name in [Some(in_force), link].into_iter().flatten() {
-            let store = MaskStore::new(&name);
-            files.names.extend(store.pictures());
-            files.names.extend([store.candidate(), name]);
-            files.histories.push(store.history_folder());
+            let around = MaskFiles::around(&name);
+            files.names.extend(around.pictures());
+            files.names.extend([around.candidate(), name]);
+            files.histories.push(around.history_folder());
         }
         files
     }
 
-    fn meets(&self, other: &MaskFiles) -> bool {
+    fn meets(&self, other: &Claim) -> bool {
         self.inode_is_that_of(other)
             || self.names.iter().any(|name| other.names.contains(name))
             || self.histories.iter().any(|history| other.histories.contains(history))
@@ -140,11 +146,11 @@ impl MaskFiles {
             || other.lies_in_history_of(self)
     }
 
-    fn lies_in_history_of(&self, other: &MaskFiles) -> bool {
+    fn lies_in_history_of(&self, other: &Claim) -> bool {
         other.histories.iter().any(|history| self.names.iter().any(|name| name.starts_with(history)))
     }
 
-    fn inode_is_that_of(&self, other: &MaskFiles) -> bool {
+    fn inode_is_that_of(&self, other: &Claim) -> bool {
         self.inode.is_some() && self.inode == other.inode
     }
 }

@@ -6,11 +6,11 @@ use serde::Deserialize;
 use toml::Spanned;
 use toml::de::DeTable;
 
-use super::document::{EXPOSURE, Reader};
 use super::faults::FaultTable;
 use super::keys::{nearest, suggestion};
+use super::reader::{EXPOSURE, Reader};
 use super::{ConfigError, Simulated, Source, V4l2, V4l2Device, V4l2Memory};
-use crate::camera::source::is_built_in;
+use crate::camera::kinds::is_built_in;
 
 /// The kinds of `source`, and their keys beside `kind`.
 const KINDS: [(&str, &[&str]); 4] = [
@@ -211,7 +211,7 @@ mod tests {
     use super::super::Config;
     use super::super::error::Text;
     use super::*;
-    use crate::camera::source;
+    use crate::camera::kinds;
 
     const FILE: &str = "/etc/uvcam/uvcam.toml";
 
@@ -237,7 +237,7 @@ mod tests {
 
     #[test]
     fn exactly_the_kinds_that_are_built_in_are_taken() {
-        for (kind, is_built_in) in source::KINDS {
+        for (kind, is_built_in) in kinds::KINDS {
             let outcome = Config::parse(&text(kind), Path::new(FILE));
             assert_eq!(outcome.is_ok(), is_built_in, "{kind}: {outcome:?}");
             assert_eq!(kinds().contains(kind), is_built_in, "{kind}");
