@@ -74,8 +74,8 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
     let parsed = DeTable::parse(text).map_err(|error| place.not_toml(&error))?;
     reader.check_headings(parsed.get_ref())?;
     reader.check_sources(parsed.get_ref())?;
-    let document = Document::deserialize(Deserializer::from(parsed.clone()))
-        .map_err(|error| place.not_ours(&error, parsed.get_ref()))?;
+    let document: Document = serde_path_to_error::deserialize(Deserializer::from(parsed))
+        .map_err(|error| place.not_ours(error.inner(), error.path()))?;
     let uav =
         reader.value_or("uav", document.uav, "uav".into(), NAME, |text| is_name(text) && text.len() <= 64)?;
     let ipc = reader.ipc(document.ipc)?;
