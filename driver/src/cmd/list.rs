@@ -1,5 +1,6 @@
 //! `uvcam list`: the cameras that can be opened.
 
+use super::table::columns;
 use crate::args;
 use crate::camera::{Identity, kinds};
 use crate::error::Error;
@@ -39,13 +40,7 @@ fn table(cameras: &[Identity]) -> String {
         let Identity { kind, serial, model, vendor, transport, address } = camera.clone();
         [kind.into(), serial, model, vendor, transport, address]
     }));
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..6).map(width).collect();
-    let lines = rows.iter().map(|row| {
-        let cells = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}"));
-        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
-    });
-    lines.collect::<Vec<_>>().join("\n")
+    columns(&rows)
 }
 
 #[cfg(test)]
