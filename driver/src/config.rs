@@ -18,6 +18,7 @@ mod faults;
 mod file;
 mod generate;
 mod keys;
+mod links;
 mod mistakes;
 mod reader;
 mod realtime;

@@ -9,8 +9,8 @@ use uvcam_shm_ipc::{IpcError, PixelFormat};
 
 use super::error::Text;
 use super::generate::GenerateTable;
-use super::keys::suggestion;
-use super::reader::{GAIN, Reader};
+use super::keys::{TOP, Table, keys_of, suggestion};
+use super::reader::{GAIN, Reader, either};
 use super::realtime::RealtimeTable;
 use super::shared::{Places, Shared};
 use super::source::SourceTable;
@@ -61,6 +61,18 @@ struct CameraTable {
     realtime: RealtimeTable,
 }
 
+/// The tables of a configuration, with the keys that are read of each.
+pub(super) fn tables() -> [Table; 6] {
+    [
+        (TOP, keys_of::<Document>()),
+        ("[ipc]", keys_of::<IpcTable>()),
+        ("[[camera]]", keys_of::<CameraTable>()),
+        ("source", keys_of::<SourceTable>()),
+        ("[camera.generate]", keys_of::<GenerateTable>()),
+        ("[camera.realtime]", keys_of::<RealtimeTable>()),
+    ]
+}
+
 /// What may name a camera or a UAV.
 const NAME: &str = "1 to 64 letters, digits, \"_\" or \"-\" (ASCII)";
 /// Where a mask lies that the configuration does not name: as UVDAR names them.
@@ -75,7 +87,7 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
     reader.check_headings(parsed.get_ref())?;
     reader.check_sources(parsed.get_ref())?;
     let document: Document = serde_path_to_error::deserialize(Deserializer::from(parsed))
-        .map_err(|error| place.not_ours(error.inner(), error.path()))?;
+        .map_err(|error| place.not_ours(error.inner(), error.path(), &tables()))?;
     let uav =
         reader.value_or("uav", document.uav, "uav".into(), NAME, |text| is_name(text) && text.len() <= 64)?;
     let ipc = reader.ipc(document.ipc)?;
@@ -185,9 +197,9 @@ impl Reader<'_> {
         let pixel_format = match table.pixel_format {
             None => PixelFormat::Mono8,
             Some(name) => name.get_ref().parse().map_err(|_| {
-                let known = ["Mono8", "Mono10", "Mono12", "Mono16"];
+                let known = PixelFormat::ALL.map(PixelFormat::name);
                 let found = format!("\"{}\"{}", name.get_ref(), suggestion(name.get_ref(), &known));
-                self.0.refuse(name.span(), "pixel_format", found, "Mono8, Mono10, Mono12 or Mono16")
+                self.0.refuse(name.span(), "pixel_format", found, &either(&known))
             })?,
         };
         let settings = Settings {

@@ -6,7 +6,7 @@ use serde_path_to_error::{Path, Segment};
 
 use super::ConfigError;
 use super::error::{Text, printable, shortened};
-use super::keys::{TOP, home_of, suggestion, table_of};
+use super::keys::{TOP, Table, home_of, suggestion, table_of};
 use super::statement::{Statement, boolean, number};
 
 /// Whether what stands for a key begins as one.
@@ -34,14 +34,14 @@ impl Text<'_> {
         ConfigError::Syntax { place: self.place(span.start), cause }
     }
 
-    /// What is wrong with a document that has other keys, or values of other types, than a configuration.
-    pub(super) fn not_ours(&self, error: &toml::de::Error, path: &Path) -> ConfigError {
+    /// What is wrong with a document that has other keys, or values of other types, than the `tables` of a configuration.
+    pub(super) fn not_ours(&self, error: &toml::de::Error, path: &Path, tables: &[Table]) -> ConfigError {
         let span = error.span().unwrap_or_default();
         let message = error.message();
         let mut quoted = message.split('`').skip(1).step_by(2);
         if message.starts_with("unknown field") {
             let key = quoted.next().unwrap_or_default();
-            return self.unknown(span, key, &quoted.collect::<Vec<_>>());
+            return self.unknown(span, key, &quoted.collect::<Vec<_>>(), tables);
         }
         if message.starts_with("missing field") {
             let key = quoted.next().unwrap_or_default();
@@ -71,8 +71,8 @@ impl Text<'_> {
         }
     }
 
-    fn unknown(&self, span: Range<usize>, key: &str, known: &[&str]) -> ConfigError {
-        match (table_of(known), home_of(key, known)) {
+    fn unknown(&self, span: Range<usize>, key: &str, known: &[&str], tables: &[Table]) -> ConfigError {
+        match (table_of(tables, known), home_of(tables, key, known)) {
             (Some(here), Some(home)) => {
                 let write = match (here, home) {
                     (TOP, "[[camera]]") if ["generate", "realtime", "source"].contains(&key) => {

@@ -86,3 +86,12 @@ impl Reader<'_> {
         self.0.file.parent().map_or_else(|| path.to_path_buf(), |folder| folder.join(path))
     }
 }
+
+/// These words as a choice.
+pub(super) fn either<T: AsRef<str>>(words: &[T]) -> String {
+    let words: Vec<&str> = words.iter().map(AsRef::as_ref).collect();
+    match words.split_last() {
+        Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+        _ => words.concat(),
+    }
+}

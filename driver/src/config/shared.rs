@@ -2,10 +2,12 @@
 
 use std::ops::Range;
 use std::os::unix::fs::MetadataExt;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use super::error::Text;
-use super::{CameraConfig, ConfigError, MaskChoice, Source, V4l2, V4l2Device};
+use super::links::resolved;
+use super::source::Device;
+use super::{CameraConfig, ConfigError, MaskChoice};
 use crate::mask_files::MaskFiles;
 
 /// Where the keys are that no two cameras may have in common.
@@ -64,55 +66,6 @@ impl Shared {
     }
 }
 
-/// A device that one camera alone can have.
-struct Device {
-    /// The key that names it, and its value.
-    key: &'static str,
-    written: String,
-    identity: Identity,
-}
-
-#[derive(PartialEq)]
-enum Identity {
-    /// Serial, device id or address of a USB3 Vision or GigE Vision camera.
-    Vision(String),
-    /// Serial of a camera of the kernel.
-    Kernel(String),
-    /// Node of a camera of the kernel, links followed.
-    Node(PathBuf),
-}
-
-impl Device {
-    fn of(source: &Source) -> Option<Self> {
-        let (key, written, identity) = match source {
-            Source::Aravis { serial } => ("serial", serial.clone(), Identity::Vision(serial.clone())),
-            Source::V4l2(V4l2 { device: V4l2Device::Serial(serial), .. }) => {
-                ("serial", serial.clone(), Identity::Kernel(serial.clone()))
-            }
-            Source::V4l2(V4l2 { device: V4l2Device::Path(path), .. }) => {
-                ("path", path.display().to_string(), Identity::Node(resolved(path)))
-            }
-            Source::Replay { .. } | Source::Simulated(_) => return None,
-        };
-        Some(Device { key, written, identity })
-    }
-
-    fn is(&self, other: &Device) -> bool {
-        match (&self.identity, &other.identity) {
-            (Identity::Vision(one), Identity::Vision(other)) => {
-                one == other || is_device_id_of(one, other) || is_device_id_of(other, one)
-            }
-            (one, other) => one == other,
-        }
-    }
-}
-
-/// Whether `id` is `Vendor-Model-Serial` of this serial.
-fn is_device_id_of(id: &str, serial: &str) -> bool {
-    let model = id.strip_suffix(serial).and_then(|rest| rest.strip_suffix('-'));
-    model.is_some_and(|model| model.contains('-'))
-}
-
 /// What a camera claims for its mask: all places that are written to.
 struct Claim {
     in_force: PathBuf,
@@ -152,24 +105,5 @@ impl Claim {
 
     fn inode_is_that_of(&self, other: &Claim) -> bool {
         self.inode.is_some() && self.inode == other.inode
-    }
-}
-
-/// The path from `/` on, with links followed as far as it exists, and without detours.
-fn resolved(path: &Path) -> PathBuf {
-    without_links(&std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf()))
-}
-
-fn without_links(path: &Path) -> PathBuf {
-    if let Ok(path) = path.canonicalize() {
-        return path;
-    }
-    match (path.components().next_back(), path.parent()) {
-        (Some(Component::Normal(name)), Some(folder)) => without_links(folder).join(name),
-        (Some(Component::ParentDir), Some(folder)) => {
-            let folder = without_links(folder);
-            folder.parent().map_or(folder.clone(), Path::to_path_buf)
-        }
-        _ => path.to_path_buf(),
     }
 }
