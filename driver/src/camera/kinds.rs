@@ -57,7 +57,7 @@ pub fn list() -> Vec<Identity> {
     lists.iter().flat_map(|list| list()).collect()
 }
 
-/// Leads what the libraries behind the cameras say into the log. To be called once, when the log is there.
+/// Sends what the cameras' libraries say to the log. To be called once, after the log was started.
 pub fn log_libraries() {
     #[cfg(feature = "aravis")]
     aravis::log_library();

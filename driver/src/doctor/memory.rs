@@ -128,8 +128,8 @@ fn removal(machine: &Machine, process: &Process) -> Vec<Finding> {
     )]
 }
 
-/// What the configuration of logind says; where it says nothing, it does. A file in a folder of pieces counts more than the file itself, a
-/// later name more than an earlier one.
+/// What the configuration of logind says; where it says nothing, logind removes it. A drop-in counts more than the file itself, a later
+/// name more than an earlier one.
 fn removes_ipc(machine: &Machine) -> bool {
     let mut files = vec!["/usr/lib/systemd/logind.conf".to_owned(), "/etc/systemd/logind.conf".to_owned()];
     let folders =

@@ -8,7 +8,7 @@ use super::{Finding, Severity};
 use crate::camera::SOCKET_FRAMES;
 use crate::config::{Config, Source};
 
-/// The kernel's bound of a socket buffer.
+/// The kernel's limit on the buffer of a socket.
 const RMEM_MAX: &str = "/proc/sys/net/core/rmem_max";
 /// The kernel's routes.
 const ROUTES: &str = "/proc/net/route";
@@ -46,7 +46,7 @@ fn socket_buffer(machine: &Machine, config: &Config) -> Vec<Finding> {
     )]
 }
 
-/// Whether a rule of the firewall names each camera that is configured by its IP address. Which rules are in force no file tells.
+/// Whether a rule of the firewall names each camera that is configured by its IP address. No file tells which rules are in force.
 fn firewall(machine: &Machine, config: &Config) -> Vec<Finding> {
     let more = machine.names(MORE_FIREWALL).into_iter().map(|name| format!("{MORE_FIREWALL}/{name}"));
     let files = std::iter::once(FIREWALL.to_owned()).chain(more);
@@ -80,7 +80,7 @@ fn firewall(machine: &Machine, config: &Config) -> Vec<Finding> {
     unnamed.into_iter().map(finding).collect()
 }
 
-/// The interface through which this address is reached, by the most particular route.
+/// The interface through which this address is reached, by the most specific route.
 fn interface(machine: &Machine, address: Ipv4Addr) -> String {
     let text = machine.text(ROUTES).unwrap_or_default();
     let routes = text.lines().skip(1).filter_map(|line| {

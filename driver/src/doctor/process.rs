@@ -12,7 +12,7 @@ const CAP_SYS_NICE: u32 = 23;
 /// A process as `/proc` describes it: the running driver, else this program, which has the rights that a driver started in its
 /// place would have.
 pub(super) struct Process {
-    /// Its number; nothing for this program.
+    /// Its id; nothing for this program.
     id: Option<u32>,
     /// Effective user.
     pub(super) uid: u32,

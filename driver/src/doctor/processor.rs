@@ -6,7 +6,7 @@ use super::{Finding, Severity};
 const PROCESSORS: &str = "/sys/devices/system/cpu";
 const CLOCK: &str = "/sys/devices/system/clocksource/clocksource0";
 
-/// Clock sources that the kernel reads from a device, over and over a microsecond, instead of from a register of the processor.
+/// Clock sources that the kernel reads from a device, in well over a microsecond, instead of from a register of the processor.
 const SLOW_CLOCKS: [&str; 5] = ["hpet", "acpi_pm", "pit", "jiffies", "refined-jiffies"];
 
 /// What delays a frame under load, and its stamps.

@@ -19,7 +19,7 @@ const USB3_VISION: (&str, &str) = ("ef", "05");
 const SUPER_SPEED: f64 = 5000.0;
 /// Share of a link's bytes that frames can take; the rest goes to packet heads, acknowledgements and polling.
 const USABLE: f64 = 0.8;
-/// Least advice for usbfs memory, MB.
+/// The least usbfs memory that is advised, MB.
 const ADVISED_MB: u64 = 256;
 
 /// A camera as sysfs describes it (kernel documentation, sysfs-bus-usb).
@@ -63,7 +63,7 @@ impl UsbCamera {
     }
 }
 
-/// The cameras on USB: devices of the vendors known, and every USB3 Vision device.
+/// The cameras on USB: devices of the known vendors, and every USB3 Vision device.
 pub(super) fn cameras(machine: &Machine) -> Vec<UsbCamera> {
     let names = machine.names(DEVICES);
     let interface = |name: &str| {
@@ -191,7 +191,7 @@ fn carried_mb(speed: f64) -> Option<f64> {
 }
 
 /// Whether the kernel's memory for USB transfers, which all programs share, holds what the configured cameras can queue.
-/// One frame of each camera is the least with which frames arrive whole.
+/// With room for less than one frame of each camera, frames do not arrive whole.
 fn memory(machine: &Machine, config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
     // 0 is no limit.
     let limit = machine.value::<u32>(USBFS_MEMORY).filter(|mb| *mb > 0).map(u64::from);

@@ -33,7 +33,7 @@ pub(super) fn cameras<'a>(machine: &Machine, config: &'a Config) -> Vec<VideoCam
     cameras.collect()
 }
 
-/// The first node of the USB device with this serial: the frames' one. Others carry data about them.
+/// The first node of the USB device with this serial, which carries the frames. Others carry data about them.
 fn with_serial(machine: &Machine, serial: &str) -> Option<String> {
     let is_of_device = |name: &String| {
         let interface = fs::canonicalize(machine.path(&format!("{NODES}/{name}/device"))).ok();
