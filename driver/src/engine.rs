@@ -70,7 +70,7 @@ pub fn run(config: &Config, duration: Option<Duration>, role: Role) -> Result<Ex
     let stop = Arc::new(AtomicBool::new(false));
     let started = config.cameras.iter().enumerate();
     let mut cameras = started
-        .map(|(place, camera)| Running::start(place, camera, config, &events, &stop))
+        .map(|(index, camera)| Running::start(index, camera, config, &events, &stop))
         .collect::<Result<Vec<_>, Error>>()?;
     let mut requests = Requests::open(config, events)?;
 
@@ -107,9 +107,8 @@ fn attend(
             Ok(Event::Signal(SIGINT)) if role == Role::Part => {}
             Ok(Event::Signal(_)) => return how_it_went(cameras),
             Ok(Event::Camera(notice)) => {
-                let place = notice.camera;
                 if notice.is_panic() {
-                    requests.abandon(place);
+                    requests.abandon(notice.camera_index);
                 }
                 if !take_notice(cameras, notice) && role == Role::Driver {
                     tracing::error!("no camera can be used: the driver ends");
@@ -147,10 +146,10 @@ fn attend(
 
 /// Takes a camera's new state. Returns whether there is a camera that works, or may.
 fn take_notice(cameras: &mut [Running], notice: Notice) -> bool {
-    let Some(camera) = cameras.get_mut(notice.camera) else { return true };
+    let Some(camera) = cameras.get_mut(notice.camera_index) else { return true };
     camera.enter(notice.state);
     let goes_on = !cameras.iter().all(Running::is_hopeless);
-    if let Some(camera) = cameras.get_mut(notice.camera) {
+    if let Some(camera) = cameras.get_mut(notice.camera_index) {
         camera.report(goes_on);
     }
     goes_on

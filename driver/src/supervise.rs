@@ -26,7 +26,7 @@ mod closing;
 mod time;
 
 use closing::Closing;
-use time::{SystemTime, Time};
+use time::{SystemClock, Time};
 
 /// How long a waiting thread takes to see that it is to stop.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -44,11 +44,11 @@ pub enum State {
     Refused(Error),
 }
 
-/// A change of state of one camera, by its place in the configuration.
+/// A change of state of one camera.
 #[derive(Debug)]
 pub struct Notice {
-    /// The camera's place in the configuration.
-    pub camera: usize,
+    /// The camera's index in the configuration.
+    pub camera_index: usize,
     /// Its new state.
     pub state: State,
 }
@@ -62,7 +62,7 @@ impl Notice {
 
 /// A camera's thread.
 pub struct Supervisor {
-    place: usize,
+    camera_index: usize,
     camera: CameraConfig,
     ipc: Ipc,
     source: Box<dyn CameraSource>,
@@ -78,9 +78,9 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// Prepares the thread of the camera at `place` in the configuration.
+    /// Prepares the thread of the camera with this index in the configuration.
     pub fn new(
-        place: usize,
+        camera_index: usize,
         camera: CameraConfig,
         ipc: Ipc,
         commands: Receiver<Command>,
@@ -90,7 +90,7 @@ impl Supervisor {
     ) -> Self {
         let source = kinds::source_of(&camera.source);
         Supervisor {
-            place,
+            camera_index,
             camera,
             ipc,
             source,
@@ -101,7 +101,7 @@ impl Supervisor {
             notify,
             counters,
             stop,
-            time: Box::new(SystemTime),
+            time: Box::new(SystemClock),
         }
     }
 
@@ -344,7 +344,7 @@ impl Supervisor {
     }
 
     fn notify(&self, state: State) {
-        (self.notify)(Notice { camera: self.place, state });
+        (self.notify)(Notice { camera_index: self.camera_index, state });
     }
 }
 
