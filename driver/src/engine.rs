@@ -67,7 +67,7 @@ pub fn run(config: &Config, duration: Option<Duration>, role: Role) -> Result<Ex
     let stop = Arc::new(AtomicBool::new(false));
     let started = config.cameras.iter().enumerate();
     let mut cameras = started
-        .map(|(place, camera)| Running::start(place, camera, config, &events, &stop))
+        .map(|(index, camera)| Running::start(index, camera, config, &events, &stop))
         .collect::<Result<Vec<_>, Error>>()?;
     let mut requests = Requests::open(config, events)?;
 
@@ -103,19 +103,19 @@ fn attend(
             // A terminal sends it to all processes of the driver, and the main one tells the others.
             Ok(Event::Signal(SIGINT)) if role == Role::Part => {}
             Ok(Event::Signal(_)) => return how_it_went(cameras),
-            Ok(Event::Camera(Notice { camera, news })) => match news {
+            Ok(Event::Camera(Notice { camera_index, news })) => match news {
                 News::State(state) => {
                     if state.is_panic() {
-                        requests.abandon(camera);
+                        requests.abandon(camera_index);
                     }
-                    if !enter(cameras, camera, state) && role == Role::Driver {
+                    if !enter(cameras, camera_index, state) && role == Role::Driver {
                         tracing::error!("no camera can be used: the driver ends");
                         return how_it_went(cameras);
                     }
                 }
-                News::Progress(progress) => requests.tell(camera, progress),
+                News::Progress(progress) => requests.tell(camera_index, progress),
                 News::Collected(cancel, lit_frames) => {
-                    requests.make_mask(camera, cancel, *lit_frames, cameras);
+                    requests.make_mask(camera_index, cancel, *lit_frames, cameras);
                 }
             },
             Ok(Event::Finished(finished)) => requests.finish(*finished, cameras),

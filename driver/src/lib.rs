@@ -8,6 +8,7 @@
 pub mod args;
 mod back_off;
 pub mod camera;
+mod causes;
 pub mod clock;
 pub mod cmd;
 pub mod config;
@@ -23,6 +24,7 @@ pub mod health;
 pub mod latency;
 pub mod log;
 pub mod mask;
+pub mod mask_files;
 pub mod mask_store;
 mod processes;
 pub mod realtime;

@@ -16,14 +16,14 @@ use std::time::{Duration, Instant};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
 
-use crate::camera::source;
+use crate::camera::kinds;
 
 /// Lines that may wait for stderr, and the longest of them in bytes; a longer one is cut.
 const WAITING: usize = 1024;
 const LONGEST_LINE: usize = 16 * 1024;
 /// How long [`flush`] waits for them.
 const PATIENCE: Duration = Duration::from_millis(500);
-/// Time between looks for room.
+/// Time between two checks for room.
 const NAP: Duration = Duration::from_millis(2);
 /// Stack of the writing thread, bytes.
 const STACK: usize = 256 * 1024;
@@ -33,7 +33,7 @@ static QUEUE: OnceLock<Queue> = OnceLock::new();
 /// The way to the writing thread. Its two ends: [`Queue::new`].
 struct Queue {
     items: SyncSender<Item>,
-    /// Lines that found the queue full since one found room. A number for display: `Relaxed`.
+    /// Lines dropped since one last found room in the queue. A number for display: `Relaxed`.
     dropped: AtomicU64,
 }
 
@@ -46,7 +46,7 @@ enum Item {
     Flush { done: SyncSender<()>, dropped: u64 },
 }
 
-/// Starts the writing thread, and leads to it the log, panics, and what libraries say.
+/// Starts the writing thread, and sends it the log, panics, and what libraries say.
 ///
 /// # Errors
 /// Where the system starts no thread.
@@ -65,7 +65,7 @@ pub fn start() -> io::Result<()> {
         .init();
     std::panic::set_hook(Box::new(tell_panic));
     uvcam_shm_ipc::log_to(|text| tracing::warn!("{text}"));
-    source::log_libraries();
+    kinds::log_libraries();
     Ok(())
 }
 
@@ -86,7 +86,7 @@ pub fn flush() {
     }
 }
 
-/// A panic's message, by the same way as all others. That of the main thread is the last of the program.
+/// Logs a panic's message as any other. The main thread's is the last thing that the program says.
 fn tell_panic(panic: &PanicHookInfo<'_>) {
     let thread = std::thread::current();
     let name = thread.name().unwrap_or("without a name");

@@ -13,7 +13,8 @@ use uvcam_shm_ipc::control::Progress;
 use uvcam_shm_ipc::{FrameHeader, Publisher};
 
 use crate::back_off::BackOff;
-use crate::camera::source::{self, CameraSource};
+use crate::camera::kinds;
+use crate::camera::source::CameraSource;
 use crate::camera::{Applied, Camera, CameraError, Identity};
 use crate::config::{CameraConfig, Ipc};
 use crate::counters::{Counters, add};
@@ -26,9 +27,8 @@ mod closing;
 mod lit_frames;
 mod time;
 
-pub(crate) use closing::CLOSING;
 use closing::Closing;
-use time::{SystemTime, Time};
+use time::{SystemClock, Time};
 
 /// How long a waiting thread takes to see that it is to stop.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -56,8 +56,8 @@ impl State {
 /// What a camera's thread tells of.
 #[derive(Debug)]
 pub struct Notice {
-    /// The camera's place in the configuration.
-    pub camera: usize,
+    /// The camera's index in the configuration.
+    pub camera_index: usize,
     /// What has happened.
     pub news: News,
 }
@@ -75,7 +75,7 @@ pub enum News {
 
 /// A camera's thread.
 pub struct Supervisor {
-    place: usize,
+    camera_index: usize,
     camera: CameraConfig,
     ipc: Ipc,
     source: Box<dyn CameraSource>,
@@ -91,9 +91,9 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// Prepares the thread of the camera at `place` in the configuration.
+    /// Prepares the thread of the camera with this index in the configuration.
     pub fn new(
-        place: usize,
+        camera_index: usize,
         camera: CameraConfig,
         ipc: Ipc,
         commands: Receiver<Command>,
@@ -101,9 +101,9 @@ impl Supervisor {
         counters: Arc<Counters>,
         stop: Arc<AtomicBool>,
     ) -> Self {
-        let source = source::of(&camera.source);
+        let source = kinds::source_of(&camera.source);
         Supervisor {
-            place,
+            camera_index,
             camera,
             ipc,
             source,
@@ -114,7 +114,7 @@ impl Supervisor {
             notify,
             counters,
             stop,
-            time: Box::new(SystemTime),
+            time: Box::new(SystemClock),
         }
     }
 
@@ -322,7 +322,7 @@ impl Supervisor {
     }
 
     fn tell(&self, news: News) {
-        (self.notify)(Notice { camera: self.place, news });
+        (self.notify)(Notice { camera_index: self.camera_index, news });
     }
 }
 

@@ -137,7 +137,7 @@ impl WakeWord {
 
     /// Keeps this thread from the core that the driver last sent from. `None` where that core is not known, or the only one that the
     /// thread may use.
-    pub(crate) fn step_aside(&self) -> Option<Aside> {
+    pub(crate) fn step_aside(&self) -> Option<AffinityGuard> {
         let core = self.core()? as usize;
         // Another process wrote the number.
         if core >= CpuSet::MAX_CPU {
@@ -148,7 +148,7 @@ impl WakeWord {
         others.unset(core);
         // Fails where there are no others.
         sched_setaffinity(None, &others).ok()?;
-        Some(Aside { usual })
+        Some(AffinityGuard { usual })
     }
 
     /// Whether its name still leads to this page: where it was removed, the next driver makes another one.
@@ -183,11 +183,11 @@ impl Drop for WakeWord {
 
 /// While it lives, this thread stays away from the driver's core.
 #[must_use]
-pub(crate) struct Aside {
+pub(crate) struct AffinityGuard {
     usual: CpuSet,
 }
 
-impl Drop for Aside {
+impl Drop for AffinityGuard {
     fn drop(&mut self) {
         // The thread is the consumer's.
         let _ = sched_setaffinity(None, &self.usual);

@@ -11,13 +11,15 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use uvcam::camera::source::{self, Source};
+use uvcam::camera::kinds;
+use uvcam::camera::source::Source;
 use uvcam::camera::{Camera, CameraError};
 use uvcam_masker::Mask;
 use uvcam_shm_ipc::health::{Health, HealthReader};
 use uvcam_shm_ipc::{Frame, Settings, Subscriber};
 
 pub mod conformance;
+pub mod dice;
 pub mod namespace;
 pub mod network;
 mod shared_memory;
@@ -33,7 +35,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// # Errors
 /// Those of the source.
 pub fn open(source: &Source) -> Result<Box<dyn Camera>, CameraError> {
-    source::of(source).open()
+    kinds::source_of(source).open()
 }
 
 /// Opens the USB3 Vision or GigE Vision camera that a configuration calls `serial`.

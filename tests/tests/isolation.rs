@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use uvcam_shm_ipc::Subscriber;
+use uvcam_tests::dice::Dice;
 use uvcam_tests::{
     Process, Stage, children, health_where, next_frame, simulated, status_field, stderr, wait_until,
 };
@@ -16,24 +17,6 @@ use uvcam_tests::{
 const CAMERAS: [&str; 3] = ["left", "right", "back"];
 const VICTIM: &str = "left";
 const DEATHS: u64 = 50;
-
-/// Different numbers in each run, and the same where a run is to be repeated: Knuth's MMIX generator.
-struct Dice(u64);
-
-impl Dice {
-    fn new() -> Self {
-        let seed =
-            std::env::var("UVCAM_TEST_SEED").map_or(std::process::id().into(), |seed| seed.parse().unwrap());
-        println!("UVCAM_TEST_SEED={seed} repeats this run");
-        Dice(seed)
-    }
-
-    /// A number below `end`.
-    fn roll(&mut self, end: u64) -> u64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % end
-    }
-}
 
 /// Small ones that stand still, and a second of frames in hand, so that what is lost tells of the driver and not of a busy machine.
 fn three_cameras(faults_of_the_victim: &str) -> Stage {

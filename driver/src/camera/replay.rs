@@ -10,7 +10,7 @@ use uvcam_shm_ipc::{Flags, PixelFormat, Slot, monotonic_ns};
 use super::paced::{Due, Paced, deadline};
 use super::source::CameraSource;
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
-use crate::error::with_causes;
+use crate::causes::with_causes;
 
 mod ahead;
 mod folder;
@@ -112,16 +112,7 @@ impl Camera for ReplayCamera {
         }
         self.size = (width, height);
         self.fps = settings.fps;
-        Ok(Applied {
-            width: settings.width,
-            height: settings.height,
-            stride: settings.width,
-            pixel_format: PixelFormat::Mono8,
-            fps: settings.fps,
-            exposure_us: settings.exposure_us,
-            gain_db: settings.gain_db,
-            payload_bytes: settings.frame_bytes(),
-        })
+        Ok(Applied::exactly(settings))
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {

@@ -228,16 +228,7 @@ impl Camera for SimulatedCamera {
         let scene = self.device.scene(settings, || Scene::new(settings, exposure_us, gain_db, still));
         self.scene = Some(scene);
         self.fps = settings.fps;
-        Ok(Applied {
-            width: settings.width,
-            height: settings.height,
-            stride: settings.width * settings.pixel_format.bytes_per_pixel() as u32,
-            pixel_format: settings.pixel_format,
-            fps: settings.fps,
-            exposure_us,
-            gain_db,
-            payload_bytes: settings.frame_bytes(),
-        })
+        Ok(Applied { exposure_us, gain_db, ..Applied::exactly(settings) })
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {

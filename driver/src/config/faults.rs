@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::document::Reader;
+use super::reader::Reader;
 use super::{ConfigError, Fault, FaultKind};
 
 #[derive(Deserialize)]

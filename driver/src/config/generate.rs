@@ -5,8 +5,8 @@ use toml::Spanned;
 use uvcam_masker::generate::{CameraPlace, IgnoredRegion, ParameterError, Parameters};
 use uvcam_shm_ipc::control::{EXPOSURE_US, GAIN_DB};
 
-use super::document::Reader;
 use super::error::shortened;
+use super::reader::Reader;
 use super::{ConfigError, Generate};
 use crate::camera::Settings;
 

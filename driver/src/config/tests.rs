@@ -30,6 +30,14 @@ fn refusal(line: &str, instead: &str) -> String {
     parse(&CAMERA.replace(line, instead)).unwrap_err().to_string()
 }
 
+/// The message for the camera with one line changed must hold what is expected: line, its replacement, and a part of the message.
+fn check(cases: &[(&str, &str, &str)]) {
+    for (line, instead, expected) in cases {
+        let message = refusal(line, instead);
+        assert!(message.contains(expected), "{instead}\n  gives    {message}\n  expected {expected}");
+    }
+}
+
 #[test]
 fn the_default_is_valid_and_says_what_the_code_does_without_it() {
     let config = Config::load(None).unwrap();
@@ -67,7 +75,7 @@ fn only_the_word_none_flies_unmasked() {
 
 #[test]
 fn a_refusal_names_file_line_key_value_and_what_is_allowed() {
-    for (line, instead, expected) in [
+    check(&[
         ("fps = 59.9", "fps = -3", "uvcam.toml:7: fps: found -3; allowed: 0.1 to 10000 frames a second"),
         ("fps = 59.9", "fps = nan", "uvcam.toml:7: fps: found NaN"),
         ("fps = 59.9", "fps = \"fast\"", "uvcam.toml:7: fps: found string \"fast\"; allowed: a number"),
@@ -113,10 +121,7 @@ fn a_refusal_names_file_line_key_value_and_what_is_allowed() {
             "realtime = { cpus = [1, 4096] }\nmask =",
             "cpus: found 4096; allowed: cores from 0 to 1023",
         ),
-    ] {
-        let message = refusal(line, instead);
-        assert!(message.contains(expected), "{instead}\n  gives    {message}\n  expected {expected}");
-    }
+    ]);
 }
 
 #[test]

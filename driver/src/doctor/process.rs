@@ -1,7 +1,7 @@
 //! Who the driver is to the kernel, and what it may do.
 
 use super::machine::Machine;
-use super::{Check, Finding, Severity};
+use super::{Finding, Severity};
 use crate::config::Config;
 
 /// capabilities(7): the numbers of those that matter.
@@ -12,7 +12,7 @@ const CAP_SYS_NICE: u32 = 23;
 /// A process as `/proc` describes it: the running driver, else this program, which has the rights that a driver started in its
 /// place would have.
 pub(super) struct Process {
-    /// Its number; nothing for this program.
+    /// Its id; nothing for this program.
     id: Option<u32>,
     /// Effective user.
     pub(super) uid: u32,
@@ -77,7 +77,7 @@ impl Process {
 
     /// Whether it may lock its memory, which it does only without a limit, and use the real-time priorities
     /// that the configuration names.
-    pub(super) fn limits(&self, machine: &Machine, config: &Config) -> Vec<Finding> {
+    pub(super) fn examine(&self, machine: &Machine, config: &Config) -> Vec<Finding> {
         let user = machine.name_of("/etc/passwd", self.uid);
         let mut findings = Vec::new();
         if let Some(Limit::At(bytes)) = self.locked_memory_bytes
@@ -85,7 +85,7 @@ impl Process {
         {
             findings.push(Finding::new(
                 Severity::Warning,
-                Check::LockedMemory,
+                "locked_memory",
                 format!(
                     "at most {} KiB may be locked in memory, so nothing is: a system short of memory can hold frames up",
                     bytes >> 10
@@ -100,7 +100,7 @@ impl Process {
         {
             findings.push(Finding::new(
                 Severity::Warning,
-                Check::RealTimePriority,
+                "real_time_priority",
                 format!(
                     "the configuration asks for real-time priority {asked}, the most that is allowed is {allowed}: \
                      frames wait for other programs"

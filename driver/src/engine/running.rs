@@ -50,12 +50,12 @@ pub(super) struct Running {
 }
 
 impl Running {
-    /// Starts the camera at `place` in the configuration.
+    /// Starts the camera with this index in the configuration.
     ///
     /// # Errors
     /// [`Error::Ipc`] where another driver runs it; [`Error::System`] where the system gives no thread.
     pub(super) fn start(
-        place: usize,
+        camera_index: usize,
         camera: &CameraConfig,
         config: &Config,
         events: &Sender<Event>,
@@ -67,7 +67,7 @@ impl Running {
         let (commands, inbox) = channel();
         let counters = Arc::new(Counters::default());
         let supervisor = Supervisor::new(
-            place,
+            camera_index,
             camera.clone(),
             config.ipc.clone(),
             inbox,

@@ -4,7 +4,8 @@ use std::error::Error;
 use std::fmt;
 use std::ops::RangeInclusive;
 
-use super::neighbours::LEAF_SIZES;
+/// Bucket sizes of the k-d tree that [`Parameters::leaf`] may name.
+pub const LEAF_SIZES: [u32; 4] = [5, 10, 20, 40];
 
 /// Parameters of mask generation, with their symbols in "Towards Scalable and Fast UAV Deployment".
 ///

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use uvcam_shm_ipc::control::{GenerateRequest, Method};
-use uvcam_shm_ipc::{PixelFormat, Slot, monotonic_ns};
+use uvcam_shm_ipc::{Slot, monotonic_ns};
 
 use crate::camera::source::CameraSource;
 use crate::camera::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
@@ -132,7 +132,7 @@ impl Rig {
                 readout_us: 0.0,
                 faults: vec![],
             }),
-            settings: settings(),
+            settings: Settings::new(8, 4, 50.0, 1000.0),
             mask: self.mask,
             generate: Generate::default(),
             realtime: Realtime::default(),
@@ -190,21 +190,6 @@ impl Rig {
         };
         Supervisor { source: Box::new(source), time: Box::new(time), closing, ..supervisor }.run();
         std::mem::take(&mut self.journal.0.lock().unwrap())
-    }
-}
-
-fn settings() -> Settings {
-    Settings {
-        width: 8,
-        height: 4,
-        offset_x: 0,
-        offset_y: 0,
-        binning_horizontal: 1,
-        binning_vertical: 1,
-        pixel_format: PixelFormat::Mono8,
-        fps: 50.0,
-        exposure_us: 1000.0,
-        gain_db: 0.0,
     }
 }
 
@@ -335,16 +320,7 @@ impl Camera for ScriptedCamera {
             return Err(CameraError::Device { serial, doing: "configuring", cause: "by script".into() });
         }
         self.journal.write(format!("configure {}: {} us", self.identity.serial, settings.exposure_us));
-        Ok(Applied {
-            width: settings.width,
-            height: settings.height,
-            stride: settings.width,
-            pixel_format: settings.pixel_format,
-            fps: settings.fps,
-            exposure_us: settings.exposure_us,
-            gain_db: settings.gain_db,
-            payload_bytes: settings.frame_bytes(),
-        })
+        Ok(Applied::exactly(settings))
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
