@@ -9,9 +9,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use uvcam_shm_ipc::Subscriber;
-use uvcam_tests::{
-    Process, Stage, children, health_where, next_frame, simulated, status_field, stderr, wait_until,
-};
+use uvcam_tests::{Process, Stage, children, health_where, lives, next_frame, simulated, stderr, wait_until};
 
 const CAMERAS: [&str; 3] = ["left", "right", "back"];
 const VICTIM: &str = "left";
@@ -53,10 +51,6 @@ fn process_of(driver: &Process, camera: &str) -> Option<u32> {
         let words = fs::read_to_string(format!("/proc/{id}/cmdline")).unwrap_or_default();
         words.contains(&format!("\0--camera\0{camera}\0")) && lives(*id)
     })
-}
-
-fn lives(id: u32) -> bool {
-    status_field(id, "State:").is_some_and(|state| !state.starts_with('Z'))
 }
 
 fn signal(id: u32, signal: Signal) {
