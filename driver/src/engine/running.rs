@@ -138,12 +138,8 @@ impl Running {
             State::Waiting(error) => with_causes(error),
             State::Refused(error) => format!("publishes nothing: {}", with_causes(error)),
         };
-        let due = if self.is_asked { Some(0) } else { self.told.is_due(&text, Instant::now()) };
-        let Some(untold) = due else { return };
-        let text = match untold {
-            0 => format!("{}: {text}", self.config.name),
-            _ => format!("{}: {text} (not told since the last one: {untold})", self.config.name),
-        };
+        let due = if self.is_asked { Some(text) } else { self.told.due(&text, Instant::now()) };
+        let Some(text) = due.map(|text| format!("{}: {text}", self.config.name)) else { return };
         match state {
             State::Streaming(_) | State::Generating => tracing::info!("{text}"),
             State::Waiting(_) if goes_on => tracing::warn!("{text}; trying again"),

@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 use std::fs::File;
-use std::io::{self, Seek, Write};
+use std::io::{self, IsTerminal, PipeWriter, Seek, Write};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command};
@@ -11,6 +11,7 @@ use rustix::fs::{MemfdFlags, memfd_create};
 
 use crate::config::Config;
 use crate::error::Error;
+use crate::log;
 
 /// This program, also where another one has taken its file's place.
 const PROGRAM: &str = "/proc/self/exe";
@@ -32,11 +33,11 @@ impl<'a> Launcher<'a> {
         Launcher { text: &config.text, file, name }
     }
 
-    /// Starts the process of this camera.
+    /// Starts the process of this camera, which says there what it has to say.
     ///
     /// # Errors
     /// [`Error::System`] where the system gives none.
-    pub(super) fn start(&self, camera: &str) -> Result<Child, Error> {
+    pub(super) fn start(&self, camera: &str, stderr: PipeWriter) -> Result<Child, Error> {
         let mut command = Command::new(PROGRAM);
         command.arg0(&self.name).args(["run", "--camera", camera, "--main-process"]);
         command.arg(std::process::id().to_string());
@@ -46,10 +47,11 @@ impl<'a> Launcher<'a> {
         for name in OF_THE_MANAGER {
             command.env_remove(name);
         }
-        self.text_as_file().and_then(|text| command.stdin(text).spawn()).map_err(|source| Error::System {
-            doing: "starting the process of camera",
-            path: camera.into(),
-            source,
+        if io::stderr().is_terminal() {
+            command.env(log::IN_COLOUR, "1");
+        }
+        self.text_as_file().and_then(|text| command.stdin(text).stderr(stderr).spawn()).map_err(|source| {
+            Error::System { doing: "starting the process of camera", path: camera.into(), source }
         })
     }
 
