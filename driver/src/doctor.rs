@@ -112,7 +112,7 @@ pub fn examine(root: &Path, config: &Config) -> Vec<Finding> {
     let cameras = if is_built_in("aravis") { usb::cameras(&machine) } else { Vec::new() };
     let video_cameras = video::cameras(&machine, config);
     let nodes = [access::usb_nodes(&machine, &cameras), video::nodes(&video_cameras)].concat();
-    let process = Process::of_the_driver(&machine);
+    let process = Process::of_the_driver(&machine, config);
     let mut findings = [
         usb::connected(config, &cameras),
         video::connected(&video_cameras),
@@ -121,7 +121,7 @@ pub fn examine(root: &Path, config: &Config) -> Vec<Finding> {
         usb::memory(&machine, config, &cameras),
         access::nodes(&machine, &process, &nodes),
         access::rule(&machine, &cameras),
-        access::holders(&machine, &nodes),
+        access::holders(&machine, &process, &nodes),
         video::names(&machine, &video_cameras),
         network::socket_buffer(&machine, config),
         network::firewall(&machine, config),

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use rustix::fs::{XattrFlags, setxattr};
 use serde_json::Value;
-use uvcam_tests::{Stage, simulated, stderr};
+use uvcam_tests::{Stage, next_frame, simulated, stderr};
 
 /// The user who runs the driver there; never the one who runs the tests.
 const USER: u32 = 4242;
@@ -19,6 +19,8 @@ const VIDEO_NODE: &str = "dev/video2";
 
 #[path = "doctor/cameras.rs"]
 mod cameras;
+#[path = "doctor/drivers.rs"]
+mod drivers;
 
 /// A machine with three cameras on USB, one of the kernel, one on the network and a simulated one, on which nothing is wrong.
 struct Machine {
@@ -131,11 +133,14 @@ impl Machine {
         self.cameras = self.cameras.replacen(from, to, 1);
     }
 
+    /// The text of the configuration.
+    fn configuration(&self) -> String {
+        fs::read_to_string(self.stage.file("uvcam.toml")).unwrap() + &self.cameras
+    }
+
     /// The exit code, and the findings.
     fn examine(&self) -> (Option<i32>, Vec<Value>) {
-        let config = self.stage.file("uvcam.toml");
-        let ipc = fs::read_to_string(&config).unwrap();
-        fs::write(&config, ipc + &self.cameras).unwrap();
+        fs::write(self.stage.file("uvcam.toml"), self.configuration()).unwrap();
         let output = self.stage.output(&["doctor", "--json", "--root", self.path("").to_str().unwrap()]);
         let report: Value =
             serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", stderr(&output)));
@@ -431,6 +436,7 @@ fn a_running_driver_is_examined_in_place_of_the_user() {
     let machine = Machine::healthy();
     machine.write("proc/800/comm", "uvcam");
     machine.write("proc/800/cmdline", "/usr/bin/uvcam\0run\0--config\0/etc/uvcam/uvcam.toml\0");
+    machine.write("etc/uvcam/uvcam.toml", &machine.configuration());
     machine.write("proc/800/status", &status(4343, "7"));
     machine.write("proc/800/limits", "Max realtime priority     0     0\n");
     fs::create_dir_all(machine.path("proc/800/fd")).unwrap();
