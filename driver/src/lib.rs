@@ -25,6 +25,7 @@ pub mod latency;
 pub mod log;
 pub mod mask;
 pub mod mask_store;
+mod memory;
 mod processes;
 pub mod realtime;
 mod service_manager;

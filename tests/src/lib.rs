@@ -68,7 +68,8 @@ impl Stage {
         Stage::configured("process_per_camera = false\n", cameras)
     }
 
-    fn configured(top: &str, cameras: &str) -> Self {
+    /// The same, with these keys at the configuration's top.
+    pub fn configured(top: &str, cameras: &str) -> Self {
         let stage = Stage { memory: SharedMemory::new() };
         let Settings { prefix, root_path, .. } = stage.settings();
         let text = format!("{top}[ipc]\nprefix = \"{prefix}\"\nroot_path = {root_path:?}\n{cameras}");

@@ -231,6 +231,11 @@ pub enum FaultKind {
     },
     /// The camera's thread panics.
     Panic,
+    /// The camera's library takes memory and keeps it.
+    Leak {
+        /// How much, in units of 2^20 bytes.
+        megabytes: u64,
+    },
 }
 
 #[cfg(test)]

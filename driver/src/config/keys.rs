@@ -5,7 +5,7 @@ pub(super) const TOP: &str = "the top of the file";
 
 /// A heading, or `source`, and its keys as the structures of `document`, `source`, `generate` and `realtime` have them.
 pub(super) const TABLES: [(&str, &[&str]); 6] = [
-    (TOP, &["ipc", "camera", "uav", "process_per_camera"]),
+    (TOP, &["ipc", "camera", "uav", "process_per_camera", "process_memory_mb"]),
     ("[ipc]", &["prefix", "root_path", "max_subscribers", "buffer", "borrowed", "slots"]),
     (
         "[[camera]]",

@@ -35,6 +35,7 @@ fn the_default_is_valid_and_says_what_the_code_does_without_it() {
     let config = Config::load(None).unwrap();
     let bare = parse(CAMERA).unwrap();
     assert_eq!((config.ipc, config.process_per_camera), (bare.ipc, bare.process_per_camera));
+    assert_eq!(config.process_memory_bytes, bare.process_memory_bytes);
     assert_eq!(config.cameras.len(), 1);
     let (shown, plain) = (&config.cameras[0].settings, &bare.cameras[0].settings);
     assert_eq!(config.cameras[0].realtime, bare.cameras[0].realtime);
@@ -242,12 +243,15 @@ proptest! {
 }
 
 #[test]
-fn each_camera_has_a_process_unless_the_file_says_otherwise() {
+fn each_camera_has_a_process_with_bounded_memory_unless_the_file_says_otherwise() {
     let read = |top: &str| parse(&format!("{top}{CAMERA}"));
     assert!(read("").unwrap().process_per_camera);
     assert!(!read("process_per_camera = false\n").unwrap().process_per_camera);
     let refused = read("process_per_camera = 0\n").unwrap_err().to_string();
     assert!(refused.contains("process_per_camera"), "{refused}");
+    assert_eq!(read("process_memory_mb = 128\n").unwrap().process_memory_bytes, 128 << 20);
+    let refused = read("process_memory_mb = 127\n").unwrap_err().to_string();
+    assert!(refused.contains("process_memory_mb") && refused.contains("128 to 1048576 MB"), "{refused}");
 }
 
 #[test]

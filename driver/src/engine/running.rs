@@ -16,6 +16,7 @@ use crate::error::{Error, with_causes};
 use crate::frame_path::Command;
 use crate::health::Reporter;
 use crate::mask::MaskInForce;
+use crate::memory;
 use crate::service_manager::Condition;
 use crate::supervise::{State, Supervisor};
 use crate::thread::spawn;
@@ -194,6 +195,9 @@ impl Running {
         self.last_tick = now;
         self.health.set_frame_rate(self.frame_rate);
         self.watch(now.0);
+        if let Some(text) = memory::nearly_all_taken().and_then(|text| self.told.due(&text, Instant::now())) {
+            tracing::warn!("{}: {text}", self.config.name);
+        }
         self.keep_findable(config);
         self.health.publish(&self.counters);
         if matches!(self.state, Some(State::Streaming(_))) && !self.is_stuck && self.since.elapsed() >= STEADY
