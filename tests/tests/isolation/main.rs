@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use uvcam_shm_ipc::Subscriber;
+use uvcam_shm_ipc::health::State;
 use uvcam_tests::{Process, Stage, children, health_where, lives, next_frame, simulated, stderr, wait_until};
 
 mod main_process;
@@ -247,6 +248,29 @@ fn a_process_whose_camera_s_library_is_stuck_is_killed_and_the_camera_flies_agai
         said.contains("left: its process has ended (signal: 9 (SIGKILL)), and is started again"),
         "{said}"
     );
+}
+
+#[test]
+fn what_a_process_says_each_time_is_told_once_and_summed_up_when_it_works() {
+    let stage = three_cameras("");
+    let driver = stage.driver();
+    let mut health = stage.health(VICTIM);
+    for _ in 0..8 {
+        let before = health_where("frames", &mut health, |health| health.published > 0);
+        die(before.process_id, Signal::KILL);
+        health_where("its return", &mut health, |health| health.process_id != before.process_id);
+    }
+    health_where("a while without a death", &mut health, |health| {
+        let since = health.written_monotonic_ns.saturating_sub(health.state_since_monotonic_ns);
+        health.state() == Ok(State::Streaming) && since > 11_000_000_000
+    });
+    let said = stderr(&driver.stop());
+    // Once of the first process, once of those after it, and once a minute on a machine that is this slow.
+    let told = |text: &str| said.matches(text).count();
+    assert!((2..5).contains(&told("left: streaming, simulated")), "{said}");
+    assert!((1..5).contains(&told("left: its process has ended")), "{said}");
+    assert!(told("left: streaming for 10 s (messages not told before: ") == 1, "{said}");
+    assert_eq!((told("right: streaming"), told("back: streaming")), (1, 1), "{said}");
 }
 
 #[test]
