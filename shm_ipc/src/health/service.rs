@@ -20,7 +20,8 @@ use crate::service::{Address, Plan, Served, Visited, patiently};
 use crate::settings::Settings;
 
 type Service = publish_subscribe::PortFactory<Ipc, Health, ()>;
-type ReadersEnd = Visited<Subscriber<Ipc, Health, ()>, Service>;
+type Port = Subscriber<Ipc, Health, ()>;
+type ReadersEnd = Visited<Port, Service>;
 
 /// Readers at the same time.
 const READERS: usize = 16;
@@ -239,7 +240,7 @@ fn subscribe(
     address: &Address,
     node: &Node<Ipc>,
     name: &ServiceName,
-) -> Result<Option<(Service, Subscriber<Ipc, Health, ()>)>, IpcError> {
+) -> Result<Option<(Service, Port)>, IpcError> {
     let Some(service) = address.opened(name, builder(node, name).open())? else { return Ok(None) };
     if service.dynamic_config().number_of_publishers() == 0 {
         return Ok(None);
