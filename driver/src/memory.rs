@@ -14,8 +14,13 @@ const NEARLY_ALL: u64 = 80;
 pub(crate) fn bound(bytes: u64) {
     let lower = |limit: Option<u64>| Some(limit.map_or(bytes, |limit| limit.min(bytes)));
     let Rlimit { current, maximum } = getrlimit(Resource::Data);
-    // Nobody needs a right to lower what is his own.
-    let _ = setrlimit(Resource::Data, Rlimit { current: lower(current), maximum: lower(maximum) });
+    let bounded = Rlimit { current: lower(current), maximum: lower(maximum) };
+    // To lower one's own limit needs no right; a sandbox may forbid it nevertheless.
+    if let Err(error) = setrlimit(Resource::Data, bounded) {
+        tracing::warn!(
+            "the memory of this process is not bounded (process_memory_mb): {error}; allow prlimit64(2)"
+        );
+    }
 }
 
 /// What this process has taken and what it may take, in words, where the first is nearly the second.

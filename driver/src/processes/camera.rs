@@ -93,8 +93,7 @@ impl CameraProcess {
         (self.began, self.heard) = (now, now);
         // It reads its mask at its start.
         self.is_mask_owed = false;
-        let started = self.stderr.open().and_then(|stderr| launcher.start(&self.name, stderr));
-        self.process = match started {
+        self.process = match launcher.start(&self.name, &mut self.stderr) {
             Ok(child) => Process::Running(child),
             Err(error) => {
                 self.is_tried = true;

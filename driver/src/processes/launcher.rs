@@ -2,13 +2,14 @@
 
 use std::ffi::OsString;
 use std::fs::File;
-use std::io::{self, IsTerminal, PipeWriter, Seek, Write};
+use std::io::{self, IsTerminal, Seek, Write};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command};
 
 use rustix::fs::{MemfdFlags, memfd_create};
 
+use super::stderr::Stderr;
 use crate::config::Config;
 use crate::error::Error;
 use crate::log;
@@ -37,7 +38,7 @@ impl<'a> Launcher<'a> {
     ///
     /// # Errors
     /// [`Error::System`] where the system gives none.
-    pub(super) fn start(&self, camera: &str, stderr: PipeWriter) -> Result<Child, Error> {
+    pub(super) fn start(&self, camera: &str, stderr: &mut Stderr) -> Result<Child, Error> {
         let mut command = Command::new(PROGRAM);
         command.arg0(&self.name).args(["run", "--camera", camera, "--main-process"]);
         command.arg(std::process::id().to_string());
@@ -50,7 +51,9 @@ impl<'a> Launcher<'a> {
         if io::stderr().is_terminal() {
             command.env(log::IN_COLOUR, "1");
         }
-        self.text_as_file().and_then(|text| command.stdin(text).stderr(stderr).spawn()).map_err(|source| {
+        // In this order: where there are few files to be had, what tells is not at the cost of what flies.
+        let text = self.text_as_file();
+        text.and_then(|text| command.stdin(text).stderr(stderr.open()).spawn()).map_err(|source| {
             Error::System { doing: "starting the process of camera", path: camera.into(), source }
         })
     }

@@ -4,7 +4,8 @@
 //! for each, and those of a camera that fails are told as all messages about a failing camera are: each once, and again at growing
 //! distance. What is no line of our log, as a library writes it, or the runtime where a process ends, gets the camera's name.
 
-use std::io::{BufRead, BufReader, PipeReader, PipeWriter, Read, pipe};
+use std::io::{BufRead, BufReader, PipeReader, Read, pipe};
+use std::process::Stdio;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -39,11 +40,15 @@ impl Stderr {
         Stderr { camera: camera.to_owned(), voice: Arc::new(Mutex::new(voice)), thread: None }
     }
 
-    /// The stderr of the next process.
-    ///
-    /// # Errors
-    /// [`Error::System`] where the system gives no pipe or no thread.
-    pub(super) fn open(&mut self) -> Result<PipeWriter, Error> {
+    /// The stderr of the next process: that of the main one where the system gives no pipe or no thread, which is no reason not to fly.
+    pub(super) fn open(&mut self) -> Stdio {
+        self.pipe().unwrap_or_else(|error| {
+            tracing::debug!("{}: {error}", self.camera);
+            Stdio::inherit()
+        })
+    }
+
+    fn pipe(&mut self) -> Result<Stdio, Error> {
         let (reader, writer) = pipe().map_err(|source| Error::System {
             doing: "making the stderr of camera",
             path: self.camera.clone().into(),
@@ -51,7 +56,7 @@ impl Stderr {
         })?;
         let (camera, voice) = (self.camera.clone(), self.voice.clone());
         self.thread = Some(spawn(&format!("{camera}-stderr"), move || relay(reader, &camera, &voice))?);
-        Ok(writer)
+        Ok(writer.into())
     }
 
     /// Says something of the camera's process, unless that is no news.
