@@ -40,6 +40,8 @@ pub struct Config {
     pub text: String,
     /// Whether each camera has a process of its own.
     pub process_per_camera: bool,
+    /// Bytes that the process of a camera may take for itself.
+    pub process_memory_bytes: u64,
     /// Shared memory.
     pub ipc: Ipc,
     /// The cameras, in the order of the file; at least one, no name, device or mask file twice.

@@ -68,7 +68,7 @@ pub fn examine(root: &Path, config: &Config) -> Vec<Finding> {
     let cameras = if is_built_in("aravis") { usb::cameras(&machine) } else { Vec::new() };
     let video_cameras = video::cameras(&machine, config);
     let nodes = [access::usb_nodes(&machine, &cameras), video::nodes(&video_cameras)].concat();
-    let process = Process::of_the_driver(&machine);
+    let process = Process::of_the_driver(&machine, config);
     let mut findings = [
         usb::examine(&machine, config, &cameras),
         video::examine(&machine, &video_cameras),

@@ -26,6 +26,7 @@ pub mod log;
 pub mod mask;
 pub mod mask_files;
 pub mod mask_store;
+mod memory;
 mod processes;
 pub mod realtime;
 mod service_manager;

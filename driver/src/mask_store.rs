@@ -101,7 +101,7 @@ impl MaskStore {
         }
         let mask = self.put_in_force(&candidate, size)?;
         // It is in force, whatever stays behind.
-        self.discard().unwrap_or_else(|error| tracing::warn!("{}", crate::error::with_causes(&error)));
+        self.discard().unwrap_or_else(|error| tracing::warn!("{}", crate::causes::with_causes(&error)));
         Ok(mask)
     }
 

@@ -162,8 +162,7 @@ impl Supervisor {
             if !is_absent {
                 add(&self.counters.failures, 1);
             }
-            let has_worked = self.published() > published_before;
-            if has_worked || is_absent {
+            if self.published() > published_before {
                 back_off.forget();
             }
             if error.is_final() {
@@ -174,7 +173,10 @@ impl Supervisor {
                 }
             } else {
                 self.notify(State::Waiting(error));
-                self.pause(back_off.after_failure(begin, self.time.now()));
+                self.pause(match is_absent {
+                    true => back_off.after_absence(),
+                    false => back_off.after_failure(begin, self.time.now()),
+                });
             }
         }
     }

@@ -132,6 +132,13 @@ impl Address {
         }
     }
 
+    /// Whether who comes now finds this service, and no other one under its name.
+    pub(crate) fn finds<S: PortFactory>(&self, service: &S, pattern: MessagingPattern) -> bool {
+        let details = Ipc::details(service.name(), &self.config, pattern);
+        matches!(details, Ok(Some(found)) if found.dynamic_details.is_some()
+            && found.static_details.unique_service_id() == service.unique_service_id())
+    }
+
     /// The driver's side: removes the description of a service whose register is gone, which can be neither opened nor made anew.
     pub(crate) fn clear_description(&self, service: &ServiceName, pattern: MessagingPattern) {
         if let Ok(Some(found)) = Ipc::details(service, &self.config, pattern)
@@ -232,7 +239,7 @@ impl<P, S: PortFactory> Served<P, S> {
 pub(crate) struct Visited<P, S: PortFactory> {
     // In this order: as above.
     pub(crate) port: P,
-    _service: Held<S>,
+    pub(crate) service: Held<S>,
     _node: Node<Ipc>,
     pub(crate) address: Address,
 }
@@ -246,7 +253,6 @@ impl<P, S: PortFactory> Visited<P, S> {
         open: impl FnOnce(&Address, &Node<Ipc>, &ServiceName) -> Result<Option<(S, P)>, IpcError>,
     ) -> Result<Option<Self>, IpcError> {
         let address = Address::new(settings, camera)?;
-        let name = address.service_name(name)?;
         // What others are just making is soon finished, or never.
         let give_up = Instant::now() + PATIENCE;
         while half_made(&address.config).is_some() && Instant::now() < give_up {
@@ -254,10 +260,29 @@ impl<P, S: PortFactory> Visited<P, S> {
         }
         // A driver that was killed must not be taken for one that runs.
         cleanup(&address.config);
+        Visited::find(address, name, open)
+    }
+
+    /// The same, without waiting for what others are making, and without a look at who was killed.
+    pub(crate) fn open_at_once(
+        settings: &Settings,
+        camera: &str,
+        name: &str,
+        open: impl FnOnce(&Address, &Node<Ipc>, &ServiceName) -> Result<Option<(S, P)>, IpcError>,
+    ) -> Result<Option<Self>, IpcError> {
+        Visited::find(Address::new(settings, camera)?, name, open)
+    }
+
+    fn find(
+        address: Address,
+        name: &str,
+        open: impl FnOnce(&Address, &Node<Ipc>, &ServiceName) -> Result<Option<(S, P)>, IpcError>,
+    ) -> Result<Option<Self>, IpcError> {
+        let name = address.service_name(name)?;
         let Some(node) = address.visiting_node()? else { return Ok(None) };
         let Some((service, port)) = open(&address, &node, &name)? else { return Ok(None) };
         address.take_small_files()?;
-        Ok(Some(Visited { port, _service: Held::new(service, &address.config), _node: node, address }))
+        Ok(Some(Visited { port, service: Held::new(service, &address.config), _node: node, address }))
     }
 }
 

@@ -70,7 +70,8 @@ impl Stage {
         Stage::configured("process_per_camera = false\n", cameras)
     }
 
-    fn configured(top: &str, cameras: &str) -> Self {
+    /// The same, with these keys at the configuration's top.
+    pub fn configured(top: &str, cameras: &str) -> Self {
         let stage = Stage { memory: SharedMemory::new() };
         let Settings { prefix, root_path, .. } = stage.settings();
         let text = format!("{top}[ipc]\nprefix = \"{prefix}\"\nroot_path = {root_path:?}\n{cameras}");
@@ -286,7 +287,7 @@ pub fn children(parent: u32) -> Vec<u32> {
 
 /// Whether a process has files open, or may open some. Where nobody waits for it, a zombie remains, and is one while other threads of it
 /// still end.
-fn lives(id: u32) -> bool {
+pub fn lives(id: u32) -> bool {
     let is_zombie = status_field(id, "State:").is_none_or(|state| state.starts_with('Z'));
     let threads = std::fs::read_dir(format!("/proc/{id}/task")).map_or(0, Iterator::count);
     !is_zombie || threads > 1

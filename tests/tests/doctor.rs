@@ -12,6 +12,8 @@ use machine::{Machine, USER, VIDEO_NODE, status};
 mod access;
 #[path = "doctor/cameras.rs"]
 mod cameras;
+#[path = "doctor/drivers.rs"]
+mod drivers;
 #[path = "doctor/machine.rs"]
 mod machine;
 #[path = "doctor/memory.rs"]
@@ -131,6 +133,7 @@ fn a_running_driver_is_examined_in_place_of_the_user() {
     let machine = Machine::healthy();
     machine.write("proc/800/comm", "uvcam");
     machine.write("proc/800/cmdline", "/usr/bin/uvcam\0run\0--config\0/etc/uvcam/uvcam.toml\0");
+    machine.write("etc/uvcam/uvcam.toml", &machine.configuration());
     machine.write("proc/800/status", &status(4343, "7"));
     machine.write("proc/800/limits", "Max realtime priority     0     0\n");
     fs::create_dir_all(machine.path("proc/800/fd")).unwrap();

@@ -11,6 +11,7 @@ use super::paced::{Due, Paced, deadline};
 use super::source::CameraSource;
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
 use crate::causes::with_causes;
+use crate::told::OPENING;
 
 mod ahead;
 mod folder;
@@ -99,7 +100,7 @@ impl Camera for ReplayCamera {
             read_frame(&first).map_err(|error| self.failed("reading its pictures", with_causes(&error)))?;
         // A single dark picture is no proof of it.
         if let Some(used_bits) = picture.unscaled_bits().filter(|bits| *bits > 0) {
-            tracing::warn!("`{}`: {}", first.display(), FrameError::Unscaled { used_bits });
+            tracing::warn!(target: OPENING, "`{}`: {}", first.display(), FrameError::Unscaled { used_bits });
         }
         let (width, height) = picture.gray.dimensions();
         if (width, height) != (settings.width, settings.height) {

@@ -151,4 +151,9 @@ pub enum FaultKind {
     },
     /// The camera's thread panics.
     Panic,
+    /// The camera's library takes memory and keeps it.
+    Leak {
+        /// How much, in units of 2^20 bytes.
+        megabytes: u64,
+    },
 }

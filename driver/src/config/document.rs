@@ -27,6 +27,7 @@ struct Document {
     camera: Vec<CameraTable>,
     uav: Option<Spanned<String>>,
     process_per_camera: Option<bool>,
+    process_memory_mb: Option<Spanned<u64>>,
 }
 
 #[derive(Deserialize, Default)]
@@ -78,6 +79,8 @@ pub(super) fn tables() -> [Table; 6] {
 const NAME: &str = "1 to 64 letters, digits, \"_\" or \"-\" (ASCII)";
 /// Where a mask lies that the configuration does not name: as UVDAR names them.
 const MASK: &str = "{uav}_{serial}.png";
+/// Twice what it takes to generate the mask of the largest frames that can have one (32 MB of pixels).
+const PROCESS_MEMORY_MB: u64 = 1024;
 /// The largest image side that is taken for meant, px.
 const LARGEST_SIDE: u64 = 16384;
 
@@ -91,6 +94,9 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
         .map_err(|error| place.not_ours(error.inner(), error.path(), &tables()))?;
     let uav =
         reader.value_or("uav", document.uav, "uav".into(), NAME, |text| is_name(text) && text.len() <= 64)?;
+    let process_memory_mb = document.process_memory_mb.map_or(Ok(PROCESS_MEMORY_MB), |mb| {
+        reader.whole("process_memory_mb", mb, "128 to 1048576 MB", 128..=1 << 20)
+    })?;
     let ipc = reader.ipc(document.ipc)?;
     if document.camera.is_empty() {
         return Err(reader.0.refuse(0..0, "camera", "no [[camera]] table".into(), "at least one camera"));
@@ -107,6 +113,7 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
         digest: super::digest(text),
         text: text.to_owned(),
         process_per_camera: document.process_per_camera.unwrap_or(true),
+        process_memory_bytes: process_memory_mb << 20,
         ipc,
         cameras,
     })

@@ -43,6 +43,7 @@ fn the_default_is_valid_and_says_what_the_code_does_without_it() {
     let config = Config::load(None).unwrap();
     let bare = parse(CAMERA).unwrap();
     assert_eq!((config.ipc, config.process_per_camera), (bare.ipc, bare.process_per_camera));
+    assert_eq!(config.process_memory_bytes, bare.process_memory_bytes);
     assert_eq!(config.cameras.len(), 1);
     let (shown, plain) = (&config.cameras[0].settings, &bare.cameras[0].settings);
     assert_eq!(config.cameras[0].realtime, bare.cameras[0].realtime);
@@ -197,7 +198,7 @@ fn a_camera_of_the_kernel_is_named_by_path_or_serial() {
 #[test]
 fn a_file_that_cannot_be_read_is_named() {
     let error = Config::load(Some(Path::new("/nowhere/uvcam.toml"))).unwrap_err();
-    let message = crate::error::with_causes(&error);
+    let message = crate::causes::with_causes(&error);
     assert!(
         message.starts_with("/nowhere/uvcam.toml: cannot be read;") && message.contains("No such file"),
         "{message}"
@@ -247,12 +248,15 @@ proptest! {
 }
 
 #[test]
-fn each_camera_has_a_process_unless_the_file_says_otherwise() {
+fn each_camera_has_a_process_with_bounded_memory_unless_the_file_says_otherwise() {
     let read = |top: &str| parse(&format!("{top}{CAMERA}"));
     assert!(read("").unwrap().process_per_camera);
     assert!(!read("process_per_camera = false\n").unwrap().process_per_camera);
     let refused = read("process_per_camera = 0\n").unwrap_err().to_string();
     assert!(refused.contains("process_per_camera"), "{refused}");
+    assert_eq!(read("process_memory_mb = 128\n").unwrap().process_memory_bytes, 128 << 20);
+    let refused = read("process_memory_mb = 127\n").unwrap_err().to_string();
+    assert!(refused.contains("process_memory_mb") && refused.contains("128 to 1048576 MB"), "{refused}");
 }
 
 #[test]

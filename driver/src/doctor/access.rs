@@ -53,7 +53,8 @@ pub(super) fn examine(
     cameras: &[UsbCamera],
     camera_nodes: &[Node],
 ) -> Vec<Finding> {
-    [nodes(machine, process, camera_nodes), rule(machine, cameras), holders(machine, camera_nodes)].concat()
+    [nodes(machine, process, camera_nodes), rule(machine, cameras), holders(machine, process, camera_nodes)]
+        .concat()
 }
 
 /// Whether the driver may open each node, and not everyone may.
@@ -177,15 +178,13 @@ fn reload(subsystem: &str) -> String {
 }
 
 /// Whether another program than the driver holds a node open.
-fn holders(machine: &Machine, nodes: &[Node]) -> Vec<Finding> {
+fn holders(machine: &Machine, driver: &Process, nodes: &[Node]) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut hidden = 0;
-    let processes = machine.names("/proc").into_iter().filter(|name| name.parse::<u32>().is_ok());
-    for process in processes.filter(|_| !nodes.is_empty()) {
+    let processes = machine.names("/proc").into_iter().filter_map(|name| name.parse::<u32>().ok());
+    let others = processes.filter(|process| !driver.is_of_the_driver(machine, *process));
+    for process in others.filter(|_| !nodes.is_empty()) {
         let program = told(&machine.text(&format!("/proc/{process}/comm")).unwrap_or_default());
-        if program == "uvcam" {
-            continue;
-        }
         let folder = machine.path(&format!("/proc/{process}/fd"));
         let files = match fs::read_dir(&folder) {
             Ok(files) => files,

@@ -9,8 +9,8 @@ use uvcam_masker::file::{self, FileError};
 use super::usb::UsbCamera;
 use super::{Finding, Severity};
 use crate::camera::CameraError;
+use crate::causes::with_causes;
 use crate::config::{CameraConfig, Config, MaskChoice, Simulated, Source};
-use crate::error::with_causes;
 
 /// Whether the masks can fly, and the exposures fit.
 pub(super) fn examine(config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {

@@ -16,6 +16,7 @@ use crate::error::{Error, with_causes};
 use crate::frame_path::Command;
 use crate::health::Reporter;
 use crate::mask::MaskInForce;
+use crate::memory;
 use crate::service_manager::Condition;
 use crate::supervise::{State, Supervisor};
 use crate::thread::spawn;
@@ -138,12 +139,8 @@ impl Running {
             State::Waiting(error) => with_causes(error),
             State::Refused(error) => format!("publishes nothing: {}", with_causes(error)),
         };
-        let due = if self.is_asked { Some(0) } else { self.told.is_due(&text, Instant::now()) };
-        let Some(untold) = due else { return };
-        let text = match untold {
-            0 => format!("{}: {text}", self.config.name),
-            _ => format!("{}: {text} (not told since the last one: {untold})", self.config.name),
-        };
+        let due = if self.is_asked { Some(text) } else { self.told.due(&text, Instant::now()) };
+        let Some(text) = due.map(|text| format!("{}: {text}", self.config.name)) else { return };
         match state {
             State::Streaming(_) | State::Generating => tracing::info!("{text}"),
             State::Waiting(_) if goes_on => tracing::warn!("{text}; trying again"),
@@ -198,6 +195,9 @@ impl Running {
         self.last_tick = now;
         self.health.set_frame_rate(self.frame_rate);
         self.watch(now.0);
+        if let Some(text) = memory::nearly_all_taken().and_then(|text| self.told.due(&text, Instant::now())) {
+            tracing::warn!("{}: {text}", self.config.name);
+        }
         self.keep_findable(config);
         self.health.publish(&self.counters);
         if matches!(self.state, Some(State::Streaming(_))) && !self.is_stuck && self.since.elapsed() >= STEADY

@@ -64,6 +64,12 @@ fn an_absent_camera_is_looked_for_ten_times_a_second_and_is_no_failure() {
 }
 
 #[test]
+fn a_camera_that_was_absent_starts_with_a_clean_record() {
+    let journal = Rig::new([FAILING, FAILING, Opening::Absent, Opening::Absent, FAILING, FAILING]).run();
+    assert_eq!(pauses(&journal), [100, 200, 100, 100, 100, 200]);
+}
+
+#[test]
 fn a_camera_that_has_worked_starts_with_a_clean_record() {
     let journal = Rig::new([FAILING, FAILING, FAILING, FLEETING, FAILING]).run();
     assert_eq!(pauses(&journal), [100, 200, 400, 100, 200]);

@@ -6,7 +6,7 @@ use iceoryx2::node::Node;
 use iceoryx2::port::listener::{Listener, ListenerCreateError, ListenerWaitError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::port::{DegradationAction, ReceiveError};
-use iceoryx2::prelude::PortFactory;
+use iceoryx2::prelude::{MessagingPattern, PortFactory};
 use iceoryx2::sample::Sample;
 
 use super::RETRY;
@@ -150,7 +150,7 @@ impl Link {
         is_passed_by
             || self.frames.get().is_none_or(|frames| {
                 frames.dynamic_config().number_of_publishers() == 0
-                    || !frame_service::is_found(address, frames)
+                    || !address.finds(frames, MessagingPattern::PublishSubscribe)
             })
     }
 

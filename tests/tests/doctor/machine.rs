@@ -126,11 +126,14 @@ impl Machine {
         self.cameras = self.cameras.replacen(from, to, 1);
     }
 
+    /// The text of the configuration.
+    pub(super) fn configuration(&self) -> String {
+        fs::read_to_string(self.stage.file("uvcam.toml")).unwrap() + &self.cameras
+    }
+
     /// The exit code, and the findings.
     pub(super) fn examine(&self) -> (Option<i32>, Vec<Value>) {
-        let config = self.stage.file("uvcam.toml");
-        let ipc = fs::read_to_string(&config).unwrap();
-        fs::write(&config, ipc + &self.cameras).unwrap();
+        fs::write(self.stage.file("uvcam.toml"), self.configuration()).unwrap();
         let output = self.stage.output(&["doctor", "--json", "--root", self.path("").to_str().unwrap()]);
         let report: Value =
             serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", stderr(&output)));

@@ -11,9 +11,9 @@ use uvcam_shm_ipc::{Slot, monotonic_ns};
 
 use crate::camera::source::CameraSource;
 use crate::camera::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
+use crate::causes::with_causes;
 use crate::config::{CameraConfig, Generate, Ipc, MaskChoice, Simulated, Source};
 use crate::counters::Counters;
-use crate::error::with_causes;
 use crate::frame_path::Command;
 use crate::frame_path::tests::Place;
 use crate::generate::{CancelToken, Request, Task};
