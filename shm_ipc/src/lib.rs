@@ -86,6 +86,8 @@ mod cleanup;
 mod clock;
 mod continuity;
 pub mod control;
+#[cfg(test)]
+mod document;
 mod error;
 mod footing;
 mod frame_service;
