@@ -49,7 +49,7 @@ impl ControlServers {
         let mut requests = Vec::new();
         for (camera_index, server) in self.servers.iter().enumerate() {
             let Some(server) = server else { continue };
-            match server.next() {
+            match server.receive() {
                 Ok(Some(active)) => match active.text().parse() {
                     Ok(request) => requests.push((camera_index, active, request)),
                     Err(error) => {

@@ -21,7 +21,7 @@ use crate::counters::{Counters, add};
 use crate::error::{Error, panic_text};
 use crate::frame_path::{Command, FramePath, Leave, Position};
 use crate::generate::{CancelToken, LitFrames};
-use crate::mask::{self, MaskInForce};
+use crate::mask::{self, MaskInForce, MaskService};
 
 mod closing;
 mod lit_frames;
@@ -82,6 +82,7 @@ pub struct Supervisor {
     /// The device that was opened first: name and mask of the configuration belong to it.
     first: Option<Identity>,
     publisher: Option<Publisher>,
+    masks: Arc<MaskService>,
     closing: Closing,
     commands: Receiver<Command>,
     notify: Box<dyn Fn(Notice) + Send>,
@@ -102,6 +103,7 @@ impl Supervisor {
         stop: Arc<AtomicBool>,
     ) -> Self {
         let source = kinds::source_of(&camera.source);
+        let masks = Arc::new(MaskService::new(&ipc.settings, &camera.name));
         Supervisor {
             camera_index,
             camera,
@@ -109,6 +111,7 @@ impl Supervisor {
             source,
             first: None,
             publisher: None,
+            masks,
             closing: Closing::default(),
             commands,
             notify,
@@ -116,6 +119,11 @@ impl Supervisor {
             stop,
             time: Box::new(SystemClock),
         }
+    }
+
+    /// What gives the camera's mask to consumers, for whoever wants it flown.
+    pub fn masks(&self) -> Arc<MaskService> {
+        self.masks.clone()
     }
 
     /// Runs until told to stop. A panic, of the camera's library or of ours, ends an attempt as an error does: the camera is closed, and
@@ -246,6 +254,7 @@ impl Supervisor {
         loop {
             self.counters.live();
             let applied = camera.configure(&self.camera.settings)?;
+            self.masks.begin(mask)?;
             let mut publisher = self.publisher_for(applied.payload_bytes)?;
             let header = self.header(&applied, mask, publisher.begin_epoch());
             let identity = camera.identity().clone();
@@ -299,7 +308,7 @@ impl Supervisor {
         header.exposure_us = applied.exposure_us;
         header.gain_db = applied.gain_db;
         header.set_flag(self.source.flag(), true);
-        header.set_mask(mask.as_deref().map(|mask| mask.id().0));
+        mask::mark(&mut header, mask);
         header
     }
 

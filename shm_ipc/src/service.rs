@@ -13,13 +13,15 @@ use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
 
 use crate::cleanup::{cleanup, clear_the_way, half_made};
-use crate::error::IpcError;
+use crate::error::{Fault, IpcError};
 use crate::footing::{Footing, Held, marks_of};
+use crate::header::CONTRACT_VERSION;
 use crate::log::quieten;
 use crate::premises;
 use crate::quirks::{self, Ipc, SHARED_MEMORY};
 use crate::resident;
 use crate::settings::{Settings, is_name};
+use crate::wake_word;
 
 mod refusal;
 
@@ -100,6 +102,20 @@ impl Address {
         Ok(None)
     }
 
+    /// To be asked where a service is not there: fails where the camera's driver runs and has another version of the contract. The names of
+    /// services hold the version, that of the page does not.
+    pub(crate) fn check_version(&self) -> Result<(), IpcError> {
+        let page = wake_word::version_of(&self.wake_word());
+        let Some(found) = page.filter(|found| *found != u32::from(CONTRACT_VERSION)) else { return Ok(()) };
+        let name = self.service_name(&format!("uvcam/v{found}/{}/frames", self.camera))?;
+        match Ipc::details(&name, &self.config, MessagingPattern::PublishSubscribe) {
+            Ok(Some(details)) if details.dynamic_details.is_some() => {
+                Err(Fault::OtherVersion { camera: self.camera.clone(), found }.into())
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// A service that was to be opened; `None` where it is not there, half made or half removed.
     pub(crate) fn opened<S, R: Refusal>(
         &self,
@@ -126,8 +142,8 @@ impl Address {
         let service = name.as_str().to_owned();
         match refusal.reason() {
             Reason::Permission => premises::no_access(&self.config),
-            Reason::Full => IpcError::TooManyConsumers(service),
-            Reason::Incompatible => IpcError::Incompatible { service, source: Box::new(refusal) },
+            Reason::Full => Fault::TooManyConsumers(service).into(),
+            Reason::Incompatible => Fault::Incompatible { service, source: Box::new(refusal) }.into(),
             Reason::Absent | Reason::Other => self.failed(doing, &service, refusal),
         }
     }
@@ -164,7 +180,7 @@ impl Address {
         on: &str,
         source: impl std::error::Error + Send + Sync + 'static,
     ) -> IpcError {
-        IpcError::System { doing, on: on.to_owned(), source: Box::new(source) }
+        Fault::System { doing, on: on.to_owned(), source: Box::new(source) }.into()
     }
 
     /// The page of the camera's wake word. `root_path`, which is there when it is needed, may have several paths, in containers and by links.
@@ -181,7 +197,7 @@ impl Address {
 }
 
 fn wrong_name(camera: &str) -> IpcError {
-    IpcError::CameraName(camera.to_owned())
+    Fault::CameraName(camera.to_owned()).into()
 }
 
 /// Tries again for a while what may succeed when a predecessor has stopped, others have let go, and half-made files are gone.
@@ -280,7 +296,9 @@ impl<P, S: PortFactory> Visited<P, S> {
     ) -> Result<Option<Self>, IpcError> {
         let name = address.service_name(name)?;
         let Some(node) = address.visiting_node()? else { return Ok(None) };
-        let Some((service, port)) = open(&address, &node, &name)? else { return Ok(None) };
+        let Some((service, port)) = open(&address, &node, &name)? else {
+            return address.check_version().map(|()| None);
+        };
         address.take_small_files()?;
         Ok(Some(Visited { port, service: Held::new(service, &address.config), _node: node, address }))
     }

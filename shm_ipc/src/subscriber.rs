@@ -16,11 +16,12 @@ use iceoryx2::sample::Sample;
 use crate::cleanup::cleanup;
 use crate::clock::{after, monotonic_ns, until};
 use crate::continuity::{Continuity, Step};
-use crate::error::IpcError;
+use crate::error::{Fault, IpcError};
 use crate::header::FrameHeader;
+use crate::mask::{Mask, MaskReader};
 use crate::prediction::Prediction;
 use crate::premises;
-use crate::quirks::Ipc;
+use crate::quirks::{Ipc, Received};
 use crate::service::Address;
 use crate::settings::Settings;
 use crate::wakeup::Wakeup;
@@ -50,6 +51,7 @@ pub struct Subscriber {
     continuity: Continuity,
     wakeup: Wakeup,
     prediction: Prediction,
+    masks: MaskReader,
     /// Came while it was watched for.
     watched: Option<Sample<Ipc, [u8], FrameHeader>>,
     /// One more for each frame in the caller's hands.
@@ -80,6 +82,7 @@ impl Subscriber {
             continuity: Continuity::default(),
             wakeup: Wakeup::default(),
             prediction: Prediction::default(),
+            masks: MaskReader::default(),
             watched: None,
             held: Arc::default(),
             frames: 0,
@@ -95,19 +98,20 @@ impl Subscriber {
     /// `None`, it yields every frame.
     ///
     /// # Errors
-    /// [`IpcError::TooManyHeld`] where the caller holds as many frames as the driver allows, and those of [`Subscriber::open`].
-    #[allow(clippy::should_implement_trait, reason = "an iterator ends where this has to wait")]
-    pub fn next(&mut self) -> Result<Option<Frame>, IpcError> {
+    /// [`IpcErrorKind::TooManyHeld`](crate::IpcErrorKind::TooManyHeld) where the caller holds as many frames as the driver allows, and
+    /// those of [`Subscriber::open`].
+    pub fn receive(&mut self) -> Result<Option<Frame>, IpcError> {
         let now_ns = monotonic_ns();
         self.look_after_link(now_ns)?;
-        while let Some(sample) = self.receive()? {
+        while let Some(sample) = self.take_sample()? {
+            let received = Received::new(sample);
             // Law 1.
-            let header = *sample.user_header();
-            match header.validate(sample.payload().len()) {
+            let header = *received.header();
+            match header.validate(received.payload().len()) {
                 Ok(image_bytes) => {
                     let step = self.accept(&header, now_ns);
                     let held = Arc::clone(&self.held);
-                    return Ok(Some(Frame { sample, header, image_bytes, step, _held: held }));
+                    return Ok(Some(Frame { received, header, image_bytes, step, _held: held }));
                 }
                 Err(_) => self.rejected += 1,
             }
@@ -119,10 +123,10 @@ impl Subscriber {
     /// read. Never waits.
     ///
     /// # Errors
-    /// As [`Subscriber::next`].
-    pub fn latest(&mut self) -> Result<Option<Frame>, IpcError> {
+    /// As [`Subscriber::receive`].
+    pub fn receive_latest(&mut self) -> Result<Option<Frame>, IpcError> {
         let mut passed_over = Step { lost: 0, epoch_changed: false };
-        while let Some(mut frame) = self.next()? {
+        while let Some(mut frame) = self.receive()? {
             frame.step.lost = frame.step.lost.saturating_add(passed_over.lost);
             frame.step.epoch_changed |= passed_over.epoch_changed;
             if !self.has_unread() {
@@ -183,7 +187,24 @@ impl Subscriber {
         }
     }
 
-    /// Frames given out or passed over by [`Subscriber::latest`].
+    /// The mask of a frame, blanked in it or beside it ([`Flags`](crate::Flags)); `None` where its camera flies without. Costs nothing while
+    /// the mask stays the same, and never waits. A frame is only ever given its own mask, whichever is in force by now.
+    ///
+    /// # Errors
+    /// [`IpcErrorKind::MaskPending`](crate::IpcErrorKind::MaskPending) where the mask has not come yet: for at most a second or two after
+    /// the first call, and after the driver started anew. Go on with the next frame. It does not come any more where the frame was kept
+    /// while more than four masks came.
+    /// [`IpcErrorKind::TooManyHeld`](crate::IpcErrorKind::TooManyHeld) where the caller holds as many masks as it may, and those of
+    /// [`Subscriber::open`].
+    pub fn mask_of(&mut self, frame: &Frame) -> Result<Option<Mask>, IpcError> {
+        let header = frame.header();
+        if !header.has_mask() {
+            return Ok(None);
+        }
+        self.masks.mask_of(header, &self.address, self.node.as_ref()).map(Some)
+    }
+
+    /// Frames given out or passed over by [`Subscriber::receive_latest`].
     pub fn frames(&self) -> u64 {
         self.frames
     }
@@ -222,7 +243,7 @@ impl Subscriber {
         step
     }
 
-    fn receive(&mut self) -> Result<Option<Sample<Ipc, [u8], FrameHeader>>, IpcError> {
+    fn take_sample(&mut self) -> Result<Option<Sample<Ipc, [u8], FrameHeader>>, IpcError> {
         if let Some(sample) = self.watched.take() {
             return Ok(Some(sample));
         }
@@ -247,7 +268,7 @@ impl Subscriber {
     }
 
     fn too_many_held(&self) -> IpcError {
-        IpcError::TooManyHeld(self.address.camera.clone())
+        Fault::TooManyHeld(self.address.camera.clone()).into()
     }
 
     fn has_unread(&mut self) -> bool {
@@ -266,6 +287,7 @@ impl Subscriber {
     fn let_go(&mut self) {
         self.next_look_ns = after(RETRY, monotonic_ns());
         self.link = None;
+        self.masks.let_go();
         self.node = None;
     }
 
@@ -314,7 +336,7 @@ impl Subscriber {
 /// [`Settings::borrowed`] of them, also beyond the life of its [`Subscriber`].
 #[derive(Debug)]
 pub struct Frame {
-    sample: Sample<Ipc, [u8], FrameHeader>,
+    received: Received<FrameHeader>,
     header: FrameHeader,
     image_bytes: usize,
     step: Step,
@@ -329,7 +351,15 @@ impl Frame {
 
     /// The image, row by row from the top, [`FrameHeader::stride`] bytes apart; ends with the last pixel of the last row.
     pub fn pixels(&self) -> &[u8] {
-        self.sample.payload().get(..self.image_bytes).unwrap_or_default()
+        self.received.payload().get(..self.image_bytes).unwrap_or_default()
+    }
+
+    /// The rows of the image from the top, each of `width * bytes_per_pixel` bytes: what lies between rows is left out.
+    pub fn rows(&self) -> impl ExactSizeIterator<Item = &[u8]> + DoubleEndedIterator + Clone {
+        let stride = self.header.stride as usize;
+        // What the last row has; `pixels` ends with it.
+        let row_bytes = self.image_bytes - stride * (self.header.height as usize - 1);
+        self.pixels().chunks(stride).map(move |row| row.get(..row_bytes).unwrap_or_default())
     }
 
     /// Frames that the device produced since the frame before and that did not reach this consumer: those that were never published

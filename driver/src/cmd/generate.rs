@@ -138,7 +138,7 @@ fn by_driver(
     let mut heard = Instant::now();
     let bar = report::Bar::new(&camera.name);
     while !stop.load(Ordering::Relaxed) {
-        match replies.next(GLANCE) {
+        match replies.receive(GLANCE) {
             NextReply::Text(text) => match text.parse() {
                 Ok(Reply::Collecting { progress }) => {
                     heard = Instant::now();

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, Deserializer};
 use uvcam_shm_ipc::control::{EXPOSURE_US, GAIN_DB};
-use uvcam_shm_ipc::{IpcError, PixelFormat};
+use uvcam_shm_ipc::{PixelFormat, SettingError};
 
 use super::error::Text;
 use super::generate::GenerateTable;
@@ -15,7 +15,7 @@ use super::reader::{Reader, either};
 use super::realtime::RealtimeTable;
 use super::shared::{Places, Shared};
 use super::source::SourceTable;
-use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice, Source};
+use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice, MaskMode, Source};
 use crate::camera::Settings;
 
 #[derive(Deserialize)]
@@ -57,6 +57,7 @@ struct CameraTable {
     exposure_us: Spanned<f64>,
     gain_db: Option<Spanned<f64>>,
     mask: Option<Spanned<String>>,
+    mask_mode: Option<Spanned<String>>,
     #[serde(default)]
     generate: GenerateTable,
     #[serde(default)]
@@ -168,25 +169,19 @@ impl Reader<'_> {
             value.map_or(default, |value| usize::try_from(value.into_inner()).unwrap_or(usize::MAX))
         };
         let root_path = table.root_path.map(|path| self.path("root_path", path, "an absolute path"));
-        let settings = uvcam_shm_ipc::Settings {
-            prefix: table.prefix.map_or(default.prefix, Spanned::into_inner),
-            root_path: root_path.transpose()?.map_or(default.root_path, PathBuf::from),
-            max_subscribers: number(table.max_subscribers, default.max_subscribers),
-            buffer: number(table.buffer, default.buffer),
-            borrowed: number(table.borrowed, default.borrowed),
-        };
-        match settings.validate() {
-            Ok(()) => {}
-            Err(IpcError::Setting { key, found, allowed }) => {
-                // Two keys can be too much together where only one of them is written.
-                let place = places.iter().find(|(name, place)| *name == key && place.is_some());
-                let place = place.or_else(|| places.iter().find(|(_, place)| place.is_some()));
-                let span = place.and_then(|(_, place)| place.clone()).unwrap_or_default();
-                return Err(self.0.refuse(span, key, found, allowed));
-            }
-            Err(error) => {
-                return Err(self.0.refuse(0..0, "ipc", error.to_string(), "what can be an address"));
-            }
+        let mut settings = uvcam_shm_ipc::Settings::new(
+            table.prefix.map_or(default.prefix, Spanned::into_inner),
+            root_path.transpose()?.map_or(default.root_path, PathBuf::from),
+        );
+        settings.max_subscribers = number(table.max_subscribers, default.max_subscribers);
+        settings.buffer = number(table.buffer, default.buffer);
+        settings.borrowed = number(table.borrowed, default.borrowed);
+        if let Err(SettingError { key, found, allowed, .. }) = settings.validate() {
+            // Two keys can be too much together where only one of them is written.
+            let place = places.iter().find(|(name, place)| *name == key && place.is_some());
+            let place = place.or_else(|| places.iter().find(|(_, place)| place.is_some()));
+            let span = place.and_then(|(_, place)| place.clone()).unwrap_or_default();
+            return Err(self.0.refuse(span, key, found, allowed));
         }
         let slots = table.slots.map(|slots| self.whole("slots", slots, "2 to 64", 2..=64));
         Ok(Ipc { settings, slots: slots.transpose()?.unwrap_or(6) })
@@ -230,9 +225,10 @@ impl Reader<'_> {
             Some(mask) => self.mask(mask, uav, &name, &source)?,
             None => self.mask_file(MASK, uav, &name, &source),
         };
+        let mask_mode = self.mask_mode(table.mask_mode, &mask)?;
         let generate = self.generate(table.generate, &settings)?;
         let realtime = table.realtime.read(self)?;
-        Ok(CameraConfig { name, source, settings, mask, generate, realtime })
+        Ok(CameraConfig { name, source, settings, mask, mask_mode, generate, realtime })
     }
 
     fn mask(
@@ -257,6 +253,23 @@ impl Reader<'_> {
             return Err(mistyped("write {uav}, {serial} or {camera}: only these stand for names".into()));
         }
         Ok(self.mask_file(&template, uav, name, source))
+    }
+
+    fn mask_mode(&self, mode: Option<Spanned<String>>, mask: &MaskChoice) -> Result<MaskMode, ConfigError> {
+        let Some(mode) = mode else { return Ok(MaskMode::default()) };
+        let word = mode.get_ref().as_str();
+        match (word, mask) {
+            ("blank", _) => Ok(MaskMode::Blank),
+            ("attach", MaskChoice::File(_)) => Ok(MaskMode::Attach),
+            ("attach", MaskChoice::None) => {
+                let allowed = "\"blank\" where mask is \"none\": there is none to attach";
+                Err(self.0.refuse(mode.span(), "mask_mode", format!("\"{word}\""), allowed))
+            }
+            _ => {
+                let found = format!("\"{word}\"{}", suggestion(word, &["blank", "attach"]));
+                Err(self.0.refuse(mode.span(), "mask_mode", found, "\"blank\" or \"attach\""))
+            }
+        }
     }
 
     fn mask_file(&self, template: &str, uav: &str, name: &str, source: &Source) -> MaskChoice {

@@ -10,7 +10,7 @@ use super::usb::UsbCamera;
 use super::{Finding, Severity};
 use crate::camera::CameraError;
 use crate::causes::with_causes;
-use crate::config::{CameraConfig, Config, MaskChoice, Simulated, Source};
+use crate::config::{CameraConfig, Config, MaskChoice, MaskMode, Simulated, Source};
 
 /// Whether the masks can fly, and the exposures fit.
 pub(super) fn examine(config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
@@ -21,9 +21,22 @@ pub(super) fn examine(config: &Config, connected: &[UsbCamera]) -> Vec<Finding> 
 fn masks(config: &Config) -> Vec<Finding> {
     let findings = config.cameras.iter().flat_map(|camera| match &camera.mask {
         MaskChoice::None => Vec::new(),
-        MaskChoice::File(path) => mask(camera, path),
+        MaskChoice::File(path) => mask(camera, path).into_iter().chain(not_blanked(camera)).collect(),
     });
     findings.collect()
+}
+
+/// Whether frames are left as they are.
+fn not_blanked(camera: &CameraConfig) -> Option<Finding> {
+    (camera.mask_mode == MaskMode::Attach).then(|| {
+        let finding = format!(
+            "{}: mask_mode = \"attach\", so the airframe is in sight of who does not ask for the mask",
+            camera.name
+        );
+        let remedy =
+            "let every consumer apply the mask that comes beside the frames, or write mask_mode = \"blank\"";
+        Finding::new(Severity::Warning, "mask", finding, remedy.to_owned())
+    })
 }
 
 fn mask(camera: &CameraConfig, path: &Path) -> Vec<Finding> {

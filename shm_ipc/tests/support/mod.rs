@@ -31,13 +31,10 @@ impl Place {
     pub fn new() -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let folder = tempfile::tempdir().unwrap();
-        let settings = Settings {
-            prefix: format!("test{}_{}_", process::id(), COUNT.fetch_add(1, Ordering::Relaxed)),
-            root_path: folder.path().join("ipc"),
-            max_subscribers: 2,
-            buffer: 4,
-            borrowed: 2,
-        };
+        let prefix = format!("test{}_{}_", process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+        let settings = with(Settings::new(prefix, folder.path().join("ipc")), |it| {
+            (it.max_subscribers, it.buffer, it.borrowed) = (2, 4, 2);
+        });
         Place { settings, folder }
     }
 
@@ -71,6 +68,12 @@ impl Drop for Place {
     }
 }
 
+/// A value with something changed.
+pub fn with<T>(mut value: T, change: impl FnOnce(&mut T)) -> T {
+    change(&mut value);
+    value
+}
+
 pub fn header(epoch: u64, sequence: u64) -> FrameHeader {
     let mut header = FrameHeader::new(WIDTH, HEIGHT, WIDTH, PixelFormat::Mono8);
     header.epoch = epoch;
@@ -102,6 +105,20 @@ pub fn assert_pixels(frame: &Frame) {
     assert_eq!(wrong, None, "first wrong byte of frame {sequence}");
 }
 
+/// The file, and the place in it, that lies behind an address.
+pub fn behind(address: usize) -> (String, usize) {
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+    let line = maps.lines().find_map(|line| {
+        let mut fields = line.split_whitespace();
+        let (begin, end) = fields.next()?.split_once('-')?;
+        let begin = usize::from_str_radix(begin, 16).ok()?;
+        (begin..usize::from_str_radix(end, 16).ok()?).contains(&address).then_some((begin, fields))
+    });
+    let (begin, mut fields) = line.unwrap();
+    let offset = usize::from_str_radix(fields.nth(1).unwrap(), 16).unwrap();
+    (fields.collect::<Vec<_>>().join(" "), offset + address - begin)
+}
+
 /// Waits until the subscriber has found the publisher.
 pub fn meet(publisher: &Publisher, subscriber: &mut Subscriber) {
     wait_until("the consumer", || {
@@ -113,12 +130,12 @@ pub fn meet(publisher: &Publisher, subscriber: &mut Subscriber) {
 /// Waits for a frame.
 pub fn receive(subscriber: &mut Subscriber) -> Frame {
     assert!(subscriber.wait(PATIENCE).unwrap(), "no frame came");
-    subscriber.next().unwrap().unwrap()
+    subscriber.receive().unwrap().unwrap()
 }
 
 /// Every unread frame.
 pub fn drain(subscriber: &mut Subscriber) -> Vec<(u64, u64)> {
-    std::iter::from_fn(|| subscriber.next().unwrap())
+    std::iter::from_fn(|| subscriber.receive().unwrap())
         .map(|frame| (frame.header().sequence, frame.lost_before()))
         .collect()
 }

@@ -21,7 +21,7 @@ fn nothing_outlives_a_driver_that_is_killed_and_the_next_one_flies() {
     let killed_ns = monotonic_ns();
     driver.kill();
     wait_until("the end of all processes", || !processes.iter().any(|id| lives(*id)));
-    let stamps: Vec<u64> = std::iter::from_fn(|| victim.next().unwrap())
+    let stamps: Vec<u64> = std::iter::from_fn(|| victim.receive().unwrap())
         .map(|frame| frame.header().arrival_monotonic_ns)
         .collect();
     assert!(

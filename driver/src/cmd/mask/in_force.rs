@@ -39,7 +39,7 @@ pub(super) fn change(
 
 fn reload(driver: &ControlClient) -> Result<(), Error> {
     let replies = driver.request(&Request::ReloadMask.to_text())?;
-    let cause = match replies.next(PATIENCE) {
+    let cause = match replies.receive(PATIENCE) {
         NextReply::Text(text) => match text.parse() {
             Ok(Reply::Done) => return Ok(()),
             Ok(Reply::Failed { exit, cause }) => return Err(Error::Driver { exit, cause }),

@@ -12,7 +12,7 @@ use uvcam_shm_ipc::{Slot, monotonic_ns};
 use crate::camera::source::CameraSource;
 use crate::camera::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
 use crate::causes::with_causes;
-use crate::config::{CameraConfig, Generate, Ipc, MaskChoice, Simulated, Source};
+use crate::config::{CameraConfig, Generate, Ipc, MaskChoice, MaskMode, Simulated, Source};
 use crate::counters::Counters;
 use crate::frame_path::Command;
 use crate::frame_path::tests::Place;
@@ -119,11 +119,8 @@ impl Rig {
     /// Runs the supervisor to its end, and returns what happened.
     pub(super) fn run(self) -> Vec<String> {
         let place = Place::new();
-        let max_subscribers = self.max_subscribers;
-        let ipc = Ipc {
-            settings: uvcam_shm_ipc::Settings { max_subscribers, ..place.settings.clone() },
-            slots: SLOTS,
-        };
+        let mut ipc = Ipc { settings: place.settings.clone(), slots: SLOTS };
+        ipc.settings.max_subscribers = self.max_subscribers;
         let camera = CameraConfig {
             name: "left".into(),
             source: Source::Simulated(Simulated {
@@ -134,6 +131,7 @@ impl Rig {
             }),
             settings: Settings::new(8, 4, 50.0, 1000.0),
             mask: self.mask,
+            mask_mode: MaskMode::default(),
             generate: Generate::default(),
             realtime: Realtime::default(),
         };
