@@ -1,0 +1,11 @@
+//! Gives the library the name by which programs that were linked with it find it again.
+
+fn main() {
+    // Before 1.0, each minor version may change the interface.
+    let name = match (env!("CARGO_PKG_VERSION_MAJOR"), env!("CARGO_PKG_VERSION_MINOR")) {
+        ("0", minor) => format!("libuvcam.so.0.{minor}"),
+        (major, _) => format!("libuvcam.so.{major}"),
+    };
+    println!("cargo::rustc-cdylib-link-arg=-Wl,-soname,{name}");
+    println!("cargo::rerun-if-changed=build.rs");
+}

@@ -1,0 +1,323 @@
+//! libuvcam, as programs in C and C++ use it: installed by its Makefile, found by pkg-config and CMake, beside a running driver.
+#![allow(clippy::unwrap_used)]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+
+use uvcam::camera::simulated::airframe;
+use uvcam_masker::Mask;
+use uvcam_shm_ipc::{Frame, Subscriber};
+use uvcam_tests::{Process, Stage, built, next_frame, simulated, stderr};
+
+/// Width and height of the simulated camera, px.
+const SIZE: (u32, u32) = (752, 480);
+/// Rows that the programs find black.
+const MASKED_ROWS: u32 = 40;
+/// What finds errors while a program runs. A program that it ends did not succeed.
+const SANITIZERS: &[&str] = &["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"];
+const WARNINGS: &[&str] = &["-Wall", "-Wextra", "-pedantic", "-Werror"];
+
+fn tests() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/c")
+}
+
+fn package() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../shm_ipc/c")
+}
+
+/// The prefix below which this build's libuvcam is installed.
+fn prefix() -> &'static Path {
+    static PREFIX: OnceLock<PathBuf> = OnceLock::new();
+    PREFIX.get_or_init(|| {
+        // Together with the driver, so that what both are made of is built once, with the same features.
+        let packages = ["--package", "uvcam", "--package", "uvcam-c", "--lib", "--bin", "uvcam"];
+        let library = built(&packages).join("libuvcam_c.so");
+        let place = Path::new(env!("CARGO_TARGET_TMPDIR")).join("libuvcam");
+        let _ = std::fs::remove_dir_all(&place);
+        let mut make = Command::new("make");
+        make.args(["--silent", "install", "PREFIX=/opt/uvcam"]).current_dir(package());
+        make.arg(format!("LIBRARY={}", library.display())).arg(format!("DESTDIR={}", place.display()));
+        succeeds(&mut make);
+        place.join("opt/uvcam")
+    })
+}
+
+/// Runs a command to its end, which must be a good one.
+fn succeeds(command: &mut Command) -> Output {
+    let output = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{command:?}: {}\n{said}\n{}", output.status, stderr(&output));
+    output
+}
+
+/// What pkg-config says of an installed libuvcam.
+fn pkg_config(words: &[&str]) -> Vec<String> {
+    let mut command = Command::new("pkg-config");
+    command.args(words).arg("uvcam").env("PKG_CONFIG_PATH", prefix().join("lib/pkgconfig"));
+    // The folder that stands for the root of the file system.
+    command.env("PKG_CONFIG_SYSROOT_DIR", prefix().parent().unwrap().parent().unwrap());
+    let output = succeeds(&mut command);
+    String::from_utf8(output.stdout).unwrap().split_whitespace().map(str::to_owned).collect()
+}
+
+/// Builds a program of this test's folder.
+fn compiled(source: &str, name: &str, flags: &[&str]) -> PathBuf {
+    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let mut compiler = Command::new(if source.ends_with(".c") { "cc" } else { "c++" });
+    compiler.args(WARNINGS).args(flags).arg(tests().join(source)).args(["-pthread", "-o"]).arg(&program);
+    compiler.args(pkg_config(&["--cflags", "--libs"]));
+    succeeds(&mut compiler);
+    program
+}
+
+/// A program that reads a camera of the stage.
+fn consumer(program: &Path, stage: &Stage, camera: &str) -> Command {
+    let settings = stage.settings();
+    let mut command = Command::new(program);
+    command.arg(camera).arg(settings.prefix).arg(settings.root_path);
+    command.env("LD_LIBRARY_PATH", prefix().join("lib"));
+    command
+}
+
+/// A stage whose camera "left" flies a mask of the lower rows.
+fn masked() -> Stage {
+    let stage = Stage::new(&simulated("left", "left.png", ""));
+    stage.write_mask("left.png", SIZE, MASKED_ROWS);
+    stage
+}
+
+/// Where a frame stands: epoch and sequence.
+type Place = (u64, u64);
+
+/// What a program in C told of its frames: frames lost before each, and whether an epoch began.
+fn told(output: &Output) -> BTreeMap<Place, (u64, bool)> {
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{}\n{said}\n{}", output.status, stderr(output));
+    let (frames, counters) = said.split_once("counters ").unwrap_or_else(|| panic!("no counters: {said}"));
+    let numbers =
+        |line: &str| -> Vec<u64> { line.split_whitespace().map(|number| number.parse().unwrap()).collect() };
+    let lines: Vec<Vec<u64>> = frames.lines().map(numbers).collect();
+    for line in &lines {
+        assert_eq!(line[4..], [1, 1], "not in shared memory, or not blanked: {line:?}");
+    }
+    let (lost, begun) = lines.iter().fold((0, 1), |(lost, begun), line| (lost + line[2], begun + line[3]));
+    assert_eq!(numbers(counters), [lines.len() as u64, lost, begun, 0, 1], "{said}");
+    lines.iter().map(|line| ((line[0], line[1]), (line[2], line[3] == 1))).collect()
+}
+
+fn place(frame: &Frame) -> Place {
+    (frame.header().epoch, frame.header().sequence)
+}
+
+/// Reads frames until one of another epoch than that of the first, and `count` of them, have come.
+fn read(subscriber: &mut Subscriber, count: usize, is_new: bool) -> Vec<(Place, (u64, bool))> {
+    let mut frames: Vec<(Place, (u64, bool))> = Vec::new();
+    let mut wanted = count;
+    while wanted > 0 {
+        let frame = next_frame(subscriber);
+        frames.push((place(&frame), (frame.lost_before(), frame.epoch_changed())));
+        if !is_new || frames.iter().any(|(_, (_, began))| *began) {
+            wanted -= 1;
+        }
+    }
+    frames
+}
+
+#[test]
+fn consumers_in_c_and_cpp_get_what_one_in_rust_gets_also_of_the_next_driver() {
+    let programs = [
+        compiled("consumer.c", "consumer-c", &[&["-std=c99"], SANITIZERS].concat()),
+        compiled("consumer.cpp", "consumer-cpp", &[&["-std=c++17"], SANITIZERS].concat()),
+    ];
+    let stage = masked();
+    // Before there is a driver.
+    let started = programs.map(|program| Process::start(&mut consumer(&program, &stage, "left")));
+    let driver = stage.driver();
+    let mut subscriber = stage.subscriber("left");
+    let mut frames = read(&mut subscriber, 90, false);
+    driver.kill();
+    let driver = stage.driver();
+    frames.extend(read(&mut subscriber, 90, true));
+    let outputs = started.map(Process::stop);
+    drop(driver);
+    assert_eq!(subscriber.epochs(), 2);
+    for output in outputs {
+        let theirs = told(&output);
+        let (first, last) = (theirs.first_key_value().unwrap().0, theirs.last_key_value().unwrap().0);
+        // Those that both were there for, from the second on: what came before the first is nobody's loss.
+        let ours: BTreeMap<_, _> =
+            frames.iter().skip(1).filter(|(place, _)| place > first && place <= last).copied().collect();
+        let (begin, end) = (ours.first_key_value().unwrap().0, ours.last_key_value().unwrap().0);
+        let theirs: BTreeMap<_, _> = theirs.range(begin..=end).map(|(place, step)| (*place, *step)).collect();
+        assert_eq!(theirs, ours);
+        assert!(ours.len() > 90 && ours.values().filter(|(_, began)| *began).count() == 1, "{ours:?}");
+    }
+}
+
+#[test]
+fn misuse_is_an_error_and_nothing_else() {
+    let stage = masked();
+    let driver = stage.driver();
+    next_frame(&mut stage.subscriber("left"));
+    let watched = compiled("misuse.c", "misuse-sanitized", &[&["-std=c99"], SANITIZERS].concat());
+    let output = succeeds(&mut consumer(&watched, &stage, "left"));
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "all refused\n");
+    // The whole process under a machine that knows every byte, also those of the library.
+    let plain = compiled("misuse.c", "misuse", &["-std=c99", "-g"]);
+    let watched = consumer(&plain, &stage, "left");
+    let mut valgrind = Command::new("valgrind");
+    valgrind.args([
+        "--quiet",
+        "--error-exitcode=99",
+        "--leak-check=full",
+        "--errors-for-leak-kinds=definite",
+    ]);
+    valgrind.arg(watched.get_program()).args(watched.get_args());
+    valgrind.env("LD_LIBRARY_PATH", prefix().join("lib"));
+    let output = succeeds(&mut valgrind);
+    assert_eq!(
+        (String::from_utf8_lossy(&output.stdout).as_ref(), stderr(&output).as_str()),
+        ("all refused\n", "")
+    );
+    drop(driver);
+}
+
+#[test]
+fn cpp_does_without_exceptions_and_opencv_without_a_copy() {
+    let stage = masked();
+    let driver = stage.driver();
+    next_frame(&mut stage.subscriber("left"));
+    let flags = [&["-std=c++20", "-fno-exceptions", "-fno-rtti"], SANITIZERS].concat();
+    let expected = compiled("expected.cpp", "expected", &flags);
+    let output = succeeds(&mut consumer(&expected, &stage, "left"));
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "as expected\n");
+
+    let flags = ["-std=c++17", "-isystem", "/usr/include/opencv4", "-Wl,--no-as-needed", "-lopencv_core"];
+    let matrix = compiled("matrix.cpp", "matrix", &flags);
+    let output = succeeds(&mut consumer(&matrix, &stage, "left"));
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "a matrix\n");
+    // With a stand-in for the window.
+    let here = format!("-I{}", tests().display());
+    let window = compiled(
+        "../../../shm_ipc/c/examples/opencv_window.cpp",
+        "opencv_window",
+        &[&[here.as_str()], &flags[..]].concat(),
+    );
+    let output = succeeds(&mut consumer(&window, &stage, "left"));
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "left: 752 x 480\n".repeat(30));
+    drop(driver);
+}
+
+#[test]
+fn headers_are_good_c_and_cpp_to_gcc_and_clang() {
+    for (language, header, standards) in [
+        ("c", "uvcam.h", &["c99", "c11"][..]),
+        ("c++", "uvcam.h", &["c++11"]),
+        ("c++", "uvcam.hpp", &["c++17", "c++20"]),
+    ] {
+        let unit = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{header}.{language}"));
+        std::fs::write(&unit, format!("#include <{header}>\n")).unwrap();
+        for compiler in [if language == "c" { "gcc" } else { "g++" }, "clang"] {
+            for standard in standards {
+                let mut command = Command::new(compiler);
+                command.args(WARNINGS).arg(format!("-std={standard}")).args([
+                    "-fsyntax-only",
+                    "-x",
+                    language,
+                ]);
+                command.arg(&unit).args(pkg_config(&["--cflags"]));
+                succeeds(&mut command);
+            }
+        }
+    }
+}
+
+/// Centres of the simulated markers: spots of their brightness outside the airframe, which are squares of 3 px.
+fn spots(frame: &Frame) -> Vec<(u32, u32)> {
+    let mut spots: Vec<(u32, u32)> = Vec::new();
+    for (y, row) in (0..).zip(frame.rows()) {
+        for (x, _) in (0..).zip(row).filter(|(_, pixel)| **pixel == 240) {
+            if !spots.iter().any(|spot| is_near(*spot, (x, y))) {
+                spots.push((x, y));
+            }
+        }
+    }
+    spots
+}
+
+fn is_near(one: (u32, u32), other: (u32, u32)) -> bool {
+    one.0.abs_diff(other.0) <= 5 && one.1.abs_diff(other.1) <= 5
+}
+
+/// What the example found: markers by the sequence of their frame.
+fn markers(output: &Output) -> BTreeMap<u64, Vec<(u32, u32)>> {
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let complete = said.rsplit_once('\n').unwrap().0;
+    let parsed = complete.lines().map(|line| {
+        let (frame, found) = line.strip_prefix("frame ").unwrap().split_once(" lost:").unwrap();
+        let point = |text: &str| {
+            let (x, y) = text.split_once(',').unwrap();
+            (x.parse().unwrap(), y.parse().unwrap())
+        };
+        (frame.split_once(',').unwrap().0.parse().unwrap(), found.split_whitespace().map(point).collect())
+    });
+    parsed.collect()
+}
+
+#[test]
+fn examples_built_by_cmake_tell_the_rate_and_find_the_markers() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("examples");
+    let _ = std::fs::remove_dir_all(&folder);
+    let mut configure = Command::new("cmake");
+    configure.arg("-S").arg(tests()).arg("-B").arg(&folder);
+    configure.arg(format!("-DCMAKE_PREFIX_PATH={}", prefix().display()));
+    configure.arg(format!("-DEXAMPLES={}", package().join("examples").display()));
+    succeeds(&mut configure);
+    succeeds(Command::new("cmake").arg("--build").arg(&folder));
+
+    // Lit, as for a mask: without one, the airframe is full of markers.
+    let lit = |mask| simulated("left", mask, "").replace("exposure_us = 1000", "exposure_us = 5000");
+    let shown = airframe(SIZE.0, SIZE.1);
+    for (mask, is_masked) in [("none", false), ("left.png", true)] {
+        let stage = Stage::new(&lit(mask));
+        Mask::from_fn(SIZE.0, SIZE.1, &shown).save(&stage.file("left.png"), &[]).unwrap();
+        let driver = stage.driver();
+        let mut subscriber = stage.subscriber("left");
+        next_frame(&mut subscriber);
+        let rate =
+            is_masked.then(|| Process::start(&mut consumer(&folder.join("rate_and_loss"), &stage, "left")));
+        let detector = Process::start(&mut consumer(&folder.join("detect_markers"), &stage, "left"));
+        let frames: Vec<(u64, Vec<(u32, u32)>)> = (0..150)
+            .map(|_| {
+                let frame = next_frame(&mut subscriber);
+                (frame.header().sequence, spots(&frame))
+            })
+            .collect();
+        if let Some(rate) = rate {
+            let said = String::from_utf8(rate.stop().stdout).unwrap();
+            assert!(said.lines().count() > 0, "no rate in 150 frames");
+            assert!(said.lines().all(|line| line.ends_with(" frames a second, 0 lost")), "{said}");
+        }
+        let found = markers(&detector.stop());
+        drop(driver);
+        let mut compared = 0;
+        for (sequence, spots) in &frames {
+            let Some(found) = found.get(sequence) else { continue };
+            let on_airframe = found.iter().filter(|(x, y)| shown(*x, *y)).count();
+            if is_masked {
+                assert_eq!(on_airframe, 0, "frame {sequence}: {found:?}");
+                assert_eq!(found.len(), spots.len(), "frame {sequence}: {found:?}, expected {spots:?}");
+                assert!(
+                    spots.iter().all(|spot| found.iter().any(|marker| is_near(*spot, *marker))),
+                    "{found:?}, {spots:?}"
+                );
+            } else {
+                assert!(on_airframe > 0, "frame {sequence}: nothing on an unmasked airframe");
+            }
+            compared += 1;
+        }
+        assert!(compared > 60, "the example saw {compared} of 150 frames");
+    }
+}
