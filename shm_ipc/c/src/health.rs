@@ -262,7 +262,7 @@ mod tests {
     use super::*;
 
     fn read(text: &[c_char]) -> String {
-        let bytes: Vec<u8> = text.iter().map(|char| *char as u8).collect();
+        let bytes: Vec<u8> = text.iter().flat_map(|char| char.to_ne_bytes()).collect();
         CStr::from_bytes_until_nul(&bytes).unwrap().to_str().unwrap().to_owned()
     }
 
