@@ -5,7 +5,7 @@
 # Where a folder is not ours, root must act.
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PACKAGES := build-essential pkg-config libclang-dev libaravis-dev libusb-1.0-0-dev
-TEST_PACKAGES := aravis-tools iproute2 python3 systemd udev util-linux
+TEST_PACKAGES := aravis-tools clang cmake iproute2 libopencv-core-dev python3 systemd udev util-linux valgrind
 LAB_PACKAGES := binutils busybox-static qemu-system-x86 udev
 # What `make bench` compares with; it does without what cannot be installed.
 GSTREAMER_PACKAGES := gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-bad libgstreamer-plugins-base1.0-dev
@@ -31,7 +31,7 @@ missing = $(shell for package in $(1); do dpkg-query -W -f '$${Status}' $$packag
 
 .PHONY: help
 help: ## List the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## /{ printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{ printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 .PHONY: demo
 demo: packages ## Run the driver on a simulated camera, with a consumer beside it, for about ten seconds
@@ -120,6 +120,18 @@ uninstall: ## Remove what `make install` installed, but a configuration that was
 	rm -f '$(DESTDIR)$(PREFIX)/lib/systemd/system/uvcam.service'
 	rm -rf '$(DESTDIR)$(PREFIX)/share/uvcam'
 	! cmp -s udev/uvcam.toml '$(DESTDIR)/etc/uvcam/uvcam.toml' || rm -r '$(DESTDIR)/etc/uvcam'
+
+.PHONY: c
+c: ## Build libuvcam, which gives frames to programs in C and C++
+	$(MAKE) --no-print-directory -C shm_ipc/c
+
+.PHONY: install-c
+install-c: ## Install it with its headers, pkg-config file and CMake package (PREFIX=/usr/local, DESTDIR=)
+	$(MAKE) --no-print-directory -C shm_ipc/c install
+
+.PHONY: uninstall-c
+uninstall-c: ## Remove what `make install-c` installed
+	$(MAKE) --no-print-directory -C shm_ipc/c uninstall
 
 .PHONY: deb
 deb: packages ## Build the Debian package, target/debian/uvcam_*.deb

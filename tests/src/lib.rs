@@ -18,6 +18,7 @@ use uvcam_masker::Mask;
 use uvcam_shm_ipc::health::{Health, HealthReader};
 use uvcam_shm_ipc::{Frame, Settings, Subscriber};
 
+pub mod c;
 pub mod conformance;
 pub mod dice;
 pub mod namespace;
@@ -304,24 +305,26 @@ pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// The `uvcam` binary of this build. It is built here: cargo builds binaries of other packages only when asked. Where there is no
-/// cargo, the environment variable `UVCAM_BINARY` names it.
+/// The `uvcam` binary of this build. Where there is no cargo, the environment variable `UVCAM_BINARY` names it.
 pub fn binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
-    BINARY.get_or_init(|| {
-        if let Some(binary) = std::env::var_os("UVCAM_BINARY") {
-            return binary.into();
-        }
-        let test = std::env::current_exe().unwrap();
-        // Tests lie one folder below the programs.
-        let folder = test.ancestors().skip(1).find(|folder| !folder.ends_with("deps")).unwrap();
-        let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-        build.args(["build", "--quiet", "--package", "uvcam", "--bin", "uvcam"]);
-        build.arg("--target-dir").arg(folder.parent().unwrap()).current_dir(env!("CARGO_MANIFEST_DIR"));
-        if folder.file_name().is_some_and(|name| name == "release") {
-            build.arg("--release");
-        }
-        assert!(build.status().unwrap().success(), "uvcam was not built");
-        folder.join("uvcam")
+    BINARY.get_or_init(|| match std::env::var_os("UVCAM_BINARY") {
+        Some(binary) => binary.into(),
+        None => built(&["--package", "uvcam", "--bin", "uvcam"]).join("uvcam"),
     })
+}
+
+/// Builds something of another package, and returns the folder where it is: cargo builds those only when asked.
+pub fn built(what: &[&str]) -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    // Tests lie one folder below the programs.
+    let folder = test.ancestors().skip(1).find(|folder| !folder.ends_with("deps")).unwrap();
+    let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    build.args(["build", "--quiet"]).args(what);
+    build.arg("--target-dir").arg(folder.parent().unwrap()).current_dir(env!("CARGO_MANIFEST_DIR"));
+    if folder.file_name().is_some_and(|name| name == "release") {
+        build.arg("--release");
+    }
+    assert!(build.status().unwrap().success(), "{what:?} was not built");
+    folder.to_owned()
 }
