@@ -106,12 +106,10 @@ mod tests {
     use super::*;
 
     fn header(arrival_monotonic_ns: u64) -> FrameHeader {
-        FrameHeader {
-            exposure_us: 1000.0,
-            frame_period_ns: 16_666_667,
-            arrival_monotonic_ns,
-            ..FrameHeader::new(64, 48, 64, PixelFormat::Mono8)
-        }
+        let mut header = FrameHeader::new(64, 48, 64, PixelFormat::Mono8);
+        (header.exposure_us, header.frame_period_ns) = (1000.0, 16_666_667);
+        header.arrival_monotonic_ns = arrival_monotonic_ns;
+        header
     }
 
     #[test]

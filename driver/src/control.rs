@@ -97,7 +97,7 @@ impl ControlServers {
         let mut requests = Vec::new();
         let servers = self.servers.iter().enumerate();
         for (place, server) in servers.filter_map(|(place, server)| Some((place, server.as_ref()?))) {
-            match server.next() {
+            match server.receive() {
                 Ok(Some(request)) => match serde_json::from_str(request.text()) {
                     Ok(wanted) => requests.push((place, request, wanted)),
                     Err(error) => {

@@ -8,7 +8,7 @@ use uvcam_masker::apply::ApplyError;
 use uvcam_masker::file::FileError;
 use uvcam_masker::generate::GenerateError;
 use uvcam_masker::image::ImageError;
-use uvcam_shm_ipc::{HeaderError, IpcError, LoanError};
+use uvcam_shm_ipc::{HeaderError, IpcError, IpcErrorKind, LoanError};
 
 use crate::camera::CameraError;
 use crate::config::ConfigError;
@@ -104,10 +104,10 @@ impl Error {
             {
                 Exit::System
             }
-            Error::Config(_)
-            | Error::Usage(_)
-            | Error::Generate(_)
-            | Error::Ipc(IpcError::CameraName(_) | IpcError::Setting { .. }) => Exit::Usage,
+            Error::Config(_) | Error::Usage(_) | Error::Generate(_) => Exit::Usage,
+            Error::Ipc(error) if matches!(error.kind(), IpcErrorKind::CameraName | IpcErrorKind::Setting) => {
+                Exit::Usage
+            }
             Error::Frame(FileError::NotAFrame { .. })
             | Error::Mask(_)
             | Error::MaskFile(_)
@@ -172,9 +172,12 @@ mod tests {
     use std::path::Path;
 
     use uvcam_masker::{GrayImage, ImageViewMut, Mask, file};
+    use uvcam_shm_ipc::Subscriber;
+    use uvcam_shm_ipc::health::HealthPublisher;
 
     use super::*;
     use crate::camera::CameraError;
+    use crate::frame_path::tests::Place;
 
     fn unreadable(source: impl Into<io::Error>) -> Error {
         ConfigError::Unreadable { file: "uvcam.toml".into(), source: source.into() }.into()
@@ -206,15 +209,18 @@ mod tests {
     #[test]
     fn what_a_person_must_mend_keeps_its_codes() {
         let absent = CameraError::Absent { kind: "replay", wanted: "frames".into(), found: "nothing".into() };
+        let place = Place::new();
+        let _first = HealthPublisher::create(&place.settings, "left").unwrap();
+        let second = HealthPublisher::create_at_once(&place.settings, "left");
         for (error, exit) in [
             (Error::Usage("no such camera".into()), Exit::Usage),
             (unreadable(ErrorKind::NotFound), Exit::Usage),
             (unreadable(ErrorKind::PermissionDenied), Exit::Usage),
-            (IpcError::CameraName("a/b".into()).into(), Exit::Usage),
+            (Subscriber::open(&place.settings, "a/b").unwrap_err().into(), Exit::Usage),
             (Error::Mask("grey".into()), Exit::Refused),
             (Error::NotRestored("gain".into()), Exit::Refused),
             (absent.into(), Exit::Camera),
-            (IpcError::AlreadyPublishing("left".into()).into(), Exit::SharedMemory),
+            (second.map(drop).unwrap_err().into(), Exit::SharedMemory),
         ] {
             assert_eq!(error.exit(), exit, "{error}");
         }

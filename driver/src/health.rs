@@ -24,17 +24,15 @@ impl Reporter {
     /// Begins the record of a camera that has not been opened.
     ///
     /// # Errors
-    /// [`IpcError::AlreadyPublishing`] where another driver tells of this camera, and those of [`HealthPublisher::create`].
+    /// [`IpcErrorKind::AlreadyPublishing`](uvcam_shm_ipc::IpcErrorKind::AlreadyPublishing) where another driver tells of this camera, and those of [`HealthPublisher::create`].
     pub fn open(config: &Config, camera: &CameraConfig) -> Result<Self, IpcError> {
         let publisher = Some(HealthPublisher::create(&config.ipc.settings, &camera.name)?);
         let now_ns = monotonic_ns();
-        let record = Health {
-            started_monotonic_ns: now_ns,
-            state_since_monotonic_ns: now_ns,
-            process_id: std::process::id(),
-            config_digest: config.digest,
-            ..Health::new()
-        };
+        let mut record = Health::new();
+        record.started_monotonic_ns = now_ns;
+        record.state_since_monotonic_ns = now_ns;
+        record.process_id = std::process::id();
+        record.config_digest = config.digest;
         Ok(Reporter { publisher, record })
     }
 
@@ -80,23 +78,21 @@ impl Reporter {
     /// Publishes the record with the counters as they are. What fails is told in the log: a camera flies on without its record.
     pub fn publish(&mut self, counters: &Counters) {
         let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-        self.record = Health {
-            written_monotonic_ns: monotonic_ns(),
-            published: count(&counters.published),
-            // In this order: the camera's thread counts the other way round, and the second holds the first.
-            incomplete: count(&counters.incomplete),
-            lost: count(&counters.lost),
-            no_free_slot: count(&counters.no_free_slot),
-            epochs: count(&counters.epochs),
-            failures: count(&counters.failures),
-            temperature_c: counters.temperature_c(),
-            resident_bytes: resident_bytes(),
-            cpu_ns: cpu_ns(),
-            mask_id: counters.mask_id().0,
-            arrival_to_masked: counters.arrival_to_masked.summary(),
-            masked_to_sent: counters.masked_to_sent.summary(),
-            ..self.record
-        };
+        let record = &mut self.record;
+        record.written_monotonic_ns = monotonic_ns();
+        record.published = count(&counters.published);
+        // In this order: the camera's thread counts the other way round, and the second holds the first.
+        record.incomplete = count(&counters.incomplete);
+        record.lost = count(&counters.lost);
+        record.no_free_slot = count(&counters.no_free_slot);
+        record.epochs = count(&counters.epochs);
+        record.failures = count(&counters.failures);
+        record.temperature_c = counters.temperature_c();
+        record.resident_bytes = resident_bytes();
+        record.cpu_ns = cpu_ns();
+        record.mask_id = counters.mask_id().0;
+        record.arrival_to_masked = counters.arrival_to_masked.summary();
+        record.masked_to_sent = counters.masked_to_sent.summary();
         if let Some(Err(error)) = self.publisher.as_ref().map(|publisher| publisher.publish(&self.record)) {
             tracing::debug!("health: {error}");
         }
@@ -149,6 +145,7 @@ fn cpu_ns() -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame_path::tests::Place;
 
     #[test]
     fn memory_and_processor_time_of_this_process_are_known() {
@@ -165,6 +162,9 @@ mod tests {
         assert_eq!(cause(&disconnected.into()), Cause::Disconnected);
         assert_eq!(cause(&Error::Mask("white".into())), Cause::Mask);
         assert_eq!(cause(&Error::NotRestored("gain".into())), Cause::Settings);
-        assert_eq!(cause(&IpcError::AlreadyPublishing("left".into()).into()), Cause::SharedMemory);
+        let place = Place::new();
+        let _first = HealthPublisher::create(&place.settings, "left").unwrap();
+        let second = HealthPublisher::create_at_once(&place.settings, "left").map(drop).unwrap_err();
+        assert_eq!(cause(&second.into()), Cause::SharedMemory);
     }
 }

@@ -23,14 +23,13 @@ fn with_publisher(consumers: usize, body: impl FnOnce(&mut Publisher, &mut [Subs
     let folder = tempfile::tempdir().unwrap();
     let unique: String =
         folder.path().to_string_lossy().chars().filter(char::is_ascii_alphanumeric).collect();
-    let settings =
-        Settings { prefix: format!("{unique}_"), root_path: folder.path().into(), ..Settings::default() };
+    let settings = Settings::new(format!("{unique}_"), folder.path());
     let mut publisher = Publisher::create(&settings, CAMERA, (WIDTH * HEIGHT) as usize, LOANS).unwrap();
     let mut subscribers: Vec<_> =
         (0..consumers).map(|_| Subscriber::open(&settings, CAMERA).unwrap()).collect();
     // The first frame connects them.
     publisher.publish(publisher.loan().unwrap(), &header()).unwrap();
-    subscribers.iter_mut().for_each(|subscriber| assert!(subscriber.next().unwrap().is_some()));
+    subscribers.iter_mut().for_each(|subscriber| assert!(subscriber.receive().unwrap().is_some()));
     body(&mut publisher, &mut subscribers);
 }
 
@@ -65,7 +64,7 @@ fn loan_send_and_receive(bencher: Bencher) {
     with_publisher(1, |publisher, subscribers| {
         bencher.bench_local(|| {
             publisher.publish(publisher.loan().unwrap(), &header()).unwrap();
-            subscribers[0].next().unwrap().unwrap()
+            subscribers[0].receive().unwrap().unwrap()
         });
     });
 }

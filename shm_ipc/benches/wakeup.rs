@@ -32,7 +32,7 @@ fn main() {
     let Ok(role) = std::env::var(ROLE) else { return compare() };
     let folder = std::env::var(FOLDER).unwrap();
     let unique: String = folder.chars().filter(char::is_ascii_alphanumeric).collect();
-    let settings = Settings { prefix: format!("{unique}_"), root_path: folder.into(), ..Settings::default() };
+    let settings = Settings::new(format!("{unique}_"), folder);
     match WAYS.iter().find(|(name, _)| *name == role) {
         Some((_, wakeup)) => consume(&settings, *wakeup),
         None => drive(&settings),
@@ -76,7 +76,7 @@ fn consume(settings: &Settings, wakeup: Option<Wakeup>) {
     subscriber.set_wakeup(wakeup.unwrap_or_default());
     let mut next = || {
         loop {
-            if let Some(frame) = subscriber.next().unwrap() {
+            if let Some(frame) = subscriber.receive().unwrap() {
                 let latency_ns = monotonic_ns() - frame.header().send_monotonic_ns;
                 return (latency_ns, frame.header().device_timestamp_ns);
             }

@@ -15,7 +15,7 @@ use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::request_response;
 
 use crate::cleanup::forget_segments;
-use crate::error::IpcError;
+use crate::error::{Fault, IpcError};
 use crate::footing::Footing;
 use crate::header::CONTRACT_VERSION;
 use crate::premises;
@@ -77,7 +77,7 @@ impl ControlServer {
     /// Makes the service of `camera`. To be called by the process that publishes it. A predecessor that is just stopping gets 3 s to go.
     ///
     /// # Errors
-    /// [`IpcError::AlreadyPublishing`] where another driver replies for this camera, and those of
+    /// [`IpcErrorKind::AlreadyPublishing`](crate::IpcErrorKind::AlreadyPublishing) where another driver replies for this camera, and those of
     /// [`Publisher::create`](crate::Publisher::create).
     pub fn create(settings: &Settings, camera: &str) -> Result<ControlServer, IpcError> {
         patiently(|| ControlServer::create_at_once(settings, camera))
@@ -104,7 +104,7 @@ impl ControlServer {
                 .open_or_create();
             let service = address.created(name, created)?;
             if service.dynamic_config().number_of_servers() > 0 {
-                return Err(IpcError::AlreadyPublishing(camera.to_owned()));
+                return Err(Fault::AlreadyPublishing(camera.to_owned()).into());
             }
             let server = service
                 .server_builder()
@@ -130,8 +130,8 @@ impl ControlServer {
     /// The next request, or `None` where there is none; one beyond [`LONGEST_TEXT`] is cut. Never waits.
     ///
     /// # Errors
-    /// [`IpcError::System`] where iceoryx2 fails.
-    pub fn next(&self) -> Result<Option<ActiveRequest>, IpcError> {
+    /// [`IpcErrorKind::System`](crate::IpcErrorKind::System) where iceoryx2 fails.
+    pub fn receive(&self) -> Result<Option<ActiveRequest>, IpcError> {
         let Served { port, address, .. } = &self.0;
         let request = port
             .receive()
@@ -188,7 +188,7 @@ impl ControlClient {
                 .create()
                 .map_err(|source| match source {
                     ClientCreateError::ExceedsMaxSupportedClients => {
-                        IpcError::TooManyConsumers(name.as_str().to_owned())
+                        Fault::TooManyConsumers(name.as_str().to_owned()).into()
                     }
                     _ => address.failed("creating the client of", name.as_str(), source),
                 })?;
@@ -200,14 +200,13 @@ impl ControlClient {
     /// Sends a request. One at a time.
     ///
     /// # Errors
-    /// [`IpcError::System`] where the text is longer than [`LONGEST_TEXT`] or iceoryx2 fails, [`IpcError::NoRoom`] where `/dev/shm` is
+    /// [`IpcErrorKind::System`](crate::IpcErrorKind::System) where the text is longer than [`LONGEST_TEXT`] or iceoryx2 fails, [`IpcErrorKind::NoRoom`](crate::IpcErrorKind::NoRoom) where `/dev/shm` is
     /// full.
     pub fn request(&self, text: &str) -> Result<Replies, IpcError> {
         let Visited { port, address, .. } = &self.0;
-        let failed = |source: Box<dyn std::error::Error + Send + Sync>| IpcError::System {
-            doing: "asking",
-            on: format!("the driver of camera \"{}\"", address.camera),
-            source,
+        let failed = |source: Box<dyn std::error::Error + Send + Sync>| {
+            let on = format!("the driver of camera \"{}\"", address.camera);
+            IpcError::from(Fault::System { doing: "asking", on, source })
         };
         premises::check_room(text.len() as u64)?;
         let request = port.loan_slice_uninit(text.len()).map_err(|source| failed(Box::new(source)))?;
@@ -219,7 +218,7 @@ impl ControlClient {
 
 impl Replies {
     /// Waits at most `timeout` for the next reply.
-    pub fn next(&self, timeout: Duration) -> NextReply {
+    pub fn receive(&self, timeout: Duration) -> NextReply {
         let begin = Instant::now();
         loop {
             // Looked at before the look for a reply: what was sent before the end is still found.

@@ -1,31 +1,89 @@
 //! What can go wrong between a driver and its consumers.
 
 use std::error::Error;
+use std::fmt;
 use std::path::PathBuf;
 
 use thiserror::Error;
 
 use crate::header::HeaderError;
 
-/// Why shared memory could not be used.
-#[derive(Debug, Error)]
-pub enum IpcError {
+/// Why shared memory could not be used: what is wrong, where, and what mends it.
+///
+/// Displayed, it is [`IpcError::message`] with [`IpcError::remedy`]. Programs match on [`IpcError::kind`]; texts are for people and may
+/// change. [`Error::source`] is what the system or the library underneath reported, where either did.
+#[derive(Debug)]
+pub struct IpcError(Box<Fault>);
+
+/// What sort of thing an [`IpcError`] is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum IpcErrorKind {
     /// A camera name that cannot be part of a service name.
-    #[error("camera name \"{0}\": use 1 to 64 letters, digits, \"_\" or \"-\"")]
+    CameraName,
+    /// A setting outside its limits: [`SettingError`].
+    Setting,
+    /// The memory of one camera does not fit in `/dev/shm`.
+    SharedMemoryFull,
+    /// The system does not map the memory of one camera.
+    NotMapped,
+    /// Another live process publishes this camera.
+    AlreadyPublishing,
+    /// The service exists, but was made with other settings, and somebody holds it.
+    Incompatible,
+    /// No place for another consumer.
+    TooManyConsumers,
+    /// A consumer wants a frame more than it may hold.
+    TooManyHeld,
+    /// `root_path` belongs to another user.
+    Permission,
+    /// A file that others find by its name belongs to another user.
+    Foreign,
+    /// A folder that is needed is absent, read-only, or closed to this user.
+    Unwritable,
+    /// Nobody can sign in: the small files that it takes do not fit in `/dev/shm`.
+    NoRoom,
+    /// A limit of open files leaves too few.
+    TooFewFiles,
+    /// A limit of address space leaves too little.
+    AddressSpace,
+    /// A frame was to be published with a header that does not describe it: [`HeaderError`].
+    Header,
+    /// Anything else that the library underneath or the system reports.
+    System,
+}
+
+/// A setting outside its limits.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("{key} = {found}: use {allowed}")]
+#[non_exhaustive]
+pub struct SettingError {
+    /// Name of the setting.
+    pub key: &'static str,
+    /// What was given.
+    pub found: String,
+    /// What can be given.
+    pub allowed: &'static str,
+}
+
+impl SettingError {
+    pub(crate) fn new(key: &'static str, found: impl fmt::Display, allowed: &'static str) -> Self {
+        SettingError { key, found: found.to_string(), allowed }
+    }
+}
+
+/// What an [`IpcError`] holds. Its message ends where [`Fault::remedy`] goes on.
+#[derive(Debug, Error)]
+pub(crate) enum Fault {
+    /// A camera name that cannot be part of a service name.
+    #[error("camera name \"{0}\"")]
     CameraName(String),
     /// A setting outside its limits.
-    #[error("{key} = {found}: use {allowed}")]
-    Setting {
-        /// Name of the setting.
-        key: &'static str,
-        /// What was given.
-        found: String,
-        /// What can be given.
-        allowed: &'static str,
-    },
+    #[error("{} = {}", .0.key, .0.found)]
+    Setting(SettingError),
     /// The memory of one camera does not fit. To write to shared memory that is not there ends a process with SIGBUS.
     #[error(
-        "/dev/shm has {} MB free, camera \"{camera}\" needs {} MB ({slots} slots): enlarge /dev/shm (sudo mount -o remount,size=... /dev/shm; a container: --shm-size or --ipc=host), or lower max_subscribers, buffer or borrowed",
+        "/dev/shm has {} MB free, camera \"{camera}\" needs {} MB ({slots} slots)",
         free_bytes / 1_000_000,
         need_bytes.div_ceil(1_000_000)
     )]
@@ -41,7 +99,7 @@ pub enum IpcError {
     },
     /// The system does not map the memory of one camera.
     #[error(
-        "camera \"{camera}\" needs {} MB of shared memory that cannot be mapped ({source}): raise the limit of address space (ulimit -v, LimitAS) and, where memory is locked, of locked memory (ulimit -l, LimitMEMLOCK)",
+        "camera \"{camera}\" needs {} MB of shared memory that cannot be mapped ({source})",
         need_bytes.div_ceil(1_000_000)
     )]
     NotMapped {
@@ -53,14 +111,10 @@ pub enum IpcError {
         source: Box<dyn Error + Send + Sync>,
     },
     /// Another live process publishes this camera.
-    #[error(
-        "camera \"{0}\" is published by another running driver: stop that one, or use another camera name or prefix"
-    )]
+    #[error("camera \"{0}\" is published by another running driver")]
     AlreadyPublishing(String),
     /// The service exists, but was made with other settings or by another version, and somebody holds it.
-    #[error(
-        "service \"{service}\" is held by running programs and does not fit ({source}): stop its consumers, or use the same settings and version"
-    )]
+    #[error("service \"{service}\" is held by running programs and does not fit ({source})")]
     Incompatible {
         /// Name of the service.
         service: String,
@@ -68,20 +122,13 @@ pub enum IpcError {
         source: Box<dyn Error + Send + Sync>,
     },
     /// No place for another consumer.
-    #[error(
-        "service \"{0}\" has as many consumers as it can: stop one, or, for frames, raise max_subscribers of the driver"
-    )]
+    #[error("service \"{0}\" has as many consumers as it can")]
     TooManyConsumers(String),
     /// A consumer wants a frame more than it may hold.
-    #[error(
-        "consumer of camera \"{0}\" holds as many frames as it may: drop one, or raise borrowed of the driver"
-    )]
+    #[error("consumer of camera \"{0}\" holds as many frames as it may")]
     TooManyHeld(String),
     /// `root_path` belongs to another user.
-    #[error(
-        "{place} belongs to user {owner}, this program runs as {user}: run driver and consumers as one user (sudo -u {owner} ...), or remove it where nobody uses it (sudo rm -r {place})",
-        place = root_path.display()
-    )]
+    #[error("{} belongs to user {owner}, this program runs as {user}", root_path.display())]
     Permission {
         /// Folder of the service files.
         root_path: PathBuf,
@@ -91,7 +138,7 @@ pub enum IpcError {
         user: String,
     },
     /// A file that others find by its name belongs to another user, who could change it at any time.
-    #[error("{} belongs to user {owner} and is not used: have it removed (sudo rm {}), or use another prefix", file.display(), file.display())]
+    #[error("{} belongs to user {owner} and is not used", file.display())]
     Foreign {
         /// The file.
         file: PathBuf,
@@ -99,7 +146,7 @@ pub enum IpcError {
         owner: String,
     },
     /// A folder that is needed is absent, read-only, or closed to this user.
-    #[error("{} cannot be written ({source}): {remedy}", place.display())]
+    #[error("{} cannot be written ({source})", place.display())]
     Unwritable {
         /// The folder.
         place: PathBuf,
@@ -111,7 +158,7 @@ pub enum IpcError {
     /// Nobody can sign in: the small files that it takes do not fit. To write to shared memory that is not there ends a process with
     /// SIGBUS.
     #[error(
-        "/dev/shm is full: {} kB and {free_files} files free, {} kB needed: remove what fills it (ls -lS /dev/shm), or enlarge it (sudo mount -o remount,size=... /dev/shm; a container: --shm-size or --ipc=host)",
+        "/dev/shm is full: {} kB and {free_files} files free, {} kB needed",
         free_bytes / 1000,
         need_bytes.div_ceil(1000)
     )]
@@ -124,10 +171,7 @@ pub enum IpcError {
         free_files: u64,
     },
     /// A limit of open files leaves too few.
-    #[error(
-        "at most {limit} files may be open, {open} are, {need} more are needed: raise the limit (ulimit -n {enough}, LimitNOFILE={enough})",
-        enough = limit.saturating_add(*need).max(1024)
-    )]
+    #[error("at most {limit} files may be open, {open} are, {need} more are needed")]
     TooFewFiles {
         /// The limit.
         limit: u64,
@@ -138,7 +182,7 @@ pub enum IpcError {
     },
     /// A limit of address space leaves too little.
     #[error(
-        "{} MB more may be mapped, {} MB are needed: raise the limit of address space (ulimit -v unlimited, LimitAS=infinity)",
+        "{} MB more may be mapped, {} MB are needed",
         left_bytes / 1_000_000,
         need_bytes.div_ceil(1_000_000)
     )]
@@ -150,7 +194,7 @@ pub enum IpcError {
     },
     /// A frame was to be published with a header that does not describe it.
     #[error("frame not published: {0}")]
-    Header(#[from] HeaderError),
+    Header(#[source] HeaderError),
     /// Anything else that iceoryx2 or the system reports.
     #[error("{doing} {on}: {source}")]
     System {
@@ -163,38 +207,186 @@ pub enum IpcError {
     },
 }
 
+impl Fault {
+    /// What mends it.
+    fn remedy(&self) -> Option<String> {
+        let text = match self {
+            Fault::CameraName(_) => "use 1 to 64 letters, digits, \"_\" or \"-\"",
+            Fault::Setting(error) => return Some(format!("use {}", error.allowed)),
+            Fault::SharedMemoryFull { .. } => {
+                "enlarge /dev/shm (sudo mount -o remount,size=... /dev/shm; a container: --shm-size or --ipc=host), or lower max_subscribers, buffer or borrowed"
+            }
+            Fault::NotMapped { .. } => {
+                "raise the limit of address space (ulimit -v, LimitAS) and, where memory is locked, of locked memory (ulimit -l, LimitMEMLOCK)"
+            }
+            Fault::AlreadyPublishing(_) => "stop that one, or use another camera name or prefix",
+            Fault::Incompatible { .. } => "stop its consumers, or use the same settings and version",
+            Fault::TooManyConsumers(_) => "stop one, or, for frames, raise max_subscribers of the driver",
+            Fault::TooManyHeld(_) => "drop one, or raise borrowed of the driver",
+            Fault::Permission { root_path, owner, .. } => {
+                let place = root_path.display();
+                return Some(format!(
+                    "run driver and consumers as one user (sudo -u {owner} ...), or remove it where nobody uses it (sudo rm -r {place})"
+                ));
+            }
+            Fault::Foreign { file, .. } => {
+                return Some(format!("have it removed (sudo rm {}), or use another prefix", file.display()));
+            }
+            Fault::Unwritable { remedy, .. } => remedy,
+            Fault::NoRoom { .. } => {
+                "remove what fills it (ls -lS /dev/shm), or enlarge it (sudo mount -o remount,size=... /dev/shm; a container: --shm-size or --ipc=host)"
+            }
+            Fault::TooFewFiles { limit, need, .. } => {
+                let enough = limit.saturating_add(*need).max(1024);
+                return Some(format!("raise the limit (ulimit -n {enough}, LimitNOFILE={enough})"));
+            }
+            Fault::AddressSpace { .. } => {
+                "raise the limit of address space (ulimit -v unlimited, LimitAS=infinity)"
+            }
+            Fault::Header(_) | Fault::System { .. } => return None,
+        };
+        Some(text.to_owned())
+    }
+
+    fn kind(&self) -> IpcErrorKind {
+        match self {
+            Fault::CameraName(_) => IpcErrorKind::CameraName,
+            Fault::Setting(_) => IpcErrorKind::Setting,
+            Fault::SharedMemoryFull { .. } => IpcErrorKind::SharedMemoryFull,
+            Fault::NotMapped { .. } => IpcErrorKind::NotMapped,
+            Fault::AlreadyPublishing(_) => IpcErrorKind::AlreadyPublishing,
+            Fault::Incompatible { .. } => IpcErrorKind::Incompatible,
+            Fault::TooManyConsumers(_) => IpcErrorKind::TooManyConsumers,
+            Fault::TooManyHeld(_) => IpcErrorKind::TooManyHeld,
+            Fault::Permission { .. } => IpcErrorKind::Permission,
+            Fault::Foreign { .. } => IpcErrorKind::Foreign,
+            Fault::Unwritable { .. } => IpcErrorKind::Unwritable,
+            Fault::NoRoom { .. } => IpcErrorKind::NoRoom,
+            Fault::TooFewFiles { .. } => IpcErrorKind::TooFewFiles,
+            Fault::AddressSpace { .. } => IpcErrorKind::AddressSpace,
+            Fault::Header(_) => IpcErrorKind::Header,
+            Fault::System { .. } => IpcErrorKind::System,
+        }
+    }
+}
+
 impl IpcError {
+    /// What sort of thing it is, for programs that must tell.
+    pub fn kind(&self) -> IpcErrorKind {
+        self.0.kind()
+    }
+
+    /// What is wrong, and where, without the remedy.
+    pub fn message(&self) -> String {
+        self.0.to_string()
+    }
+
+    /// What mends it; `None` where that is not known.
+    pub fn remedy(&self) -> Option<String> {
+        self.0.remedy()
+    }
+
     /// Whether it may pass by itself: files that others just make or remove come and go, space and limits are given back.
     pub(crate) fn may_pass(&self) -> bool {
         matches!(
-            self,
-            IpcError::System { .. }
-                | IpcError::NoRoom { .. }
-                | IpcError::Unwritable { .. }
-                | IpcError::TooFewFiles { .. }
-                | IpcError::AddressSpace { .. }
+            self.kind(),
+            IpcErrorKind::System
+                | IpcErrorKind::NoRoom
+                | IpcErrorKind::Unwritable
+                | IpcErrorKind::TooFewFiles
+                | IpcErrorKind::AddressSpace
         )
     }
 
     /// Whether it may end when other programs do: a predecessor stops, consumers let go, files are half made or half removed.
     pub(crate) fn ends_with_others(&self) -> bool {
         matches!(
-            self,
-            IpcError::AlreadyPublishing(_)
-                | IpcError::Incompatible { .. }
-                | IpcError::TooManyConsumers(_)
-                | IpcError::System { .. }
+            self.kind(),
+            IpcErrorKind::AlreadyPublishing
+                | IpcErrorKind::Incompatible
+                | IpcErrorKind::TooManyConsumers
+                | IpcErrorKind::System
         )
+    }
+}
+
+impl fmt::Display for IpcError {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(formatter)?;
+        match self.remedy() {
+            Some(remedy) => write!(formatter, ": {remedy}"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Error for IpcError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        self.0.source()
+    }
+}
+
+impl From<Fault> for IpcError {
+    #[cold]
+    fn from(fault: Fault) -> Self {
+        IpcError(Box::new(fault))
+    }
+}
+
+impl From<SettingError> for IpcError {
+    fn from(error: SettingError) -> Self {
+        Fault::Setting(error).into()
+    }
+}
+
+impl From<HeaderError> for IpcError {
+    fn from(error: HeaderError) -> Self {
+        Fault::Header(error).into()
     }
 }
 
 /// Why a publisher has no slot to give.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
 pub enum LoanError {
     /// As many slots are on loan as the publisher was created for.
     #[error("all {0} slots are on loan: publish or drop one")]
     AllOnLoan(usize),
-    /// iceoryx2 failed.
+    /// The library underneath failed.
     #[error("no slot of shared memory: {0}")]
-    Failed(#[source] iceoryx2::port::LoanError),
+    Failed(#[source] LoanFailure),
+}
+
+/// What the library underneath reported.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[error(transparent)]
+pub struct LoanFailure(pub(crate) iceoryx2::port::LoanError);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_loan_that_fails_in_the_library_underneath_says_so() {
+        // A segment has a slot for each that can be held, so that iceoryx2 has nothing to fail by.
+        let text = LoanError::Failed(LoanFailure(iceoryx2::port::LoanError::OutOfMemory)).to_string();
+        for word in ["no slot of shared memory", "OutOfMemory"] {
+            assert!(text.contains(word), "{word}: {text}");
+        }
+    }
+
+    #[test]
+    fn an_error_is_its_message_and_its_remedy() {
+        let error = IpcError::from(Fault::TooFewFiles { limit: 8, open: 5, need: 16 });
+        assert_eq!(error.message(), "at most 8 files may be open, 5 are, 16 more are needed");
+        assert_eq!(error.remedy().as_deref(), Some("raise the limit (ulimit -n 1024, LimitNOFILE=1024)"));
+        assert_eq!(error.to_string(), format!("{}: {}", error.message(), error.remedy().unwrap()));
+        assert!(error.source().is_none());
+        let source = std::io::Error::from(std::io::ErrorKind::StorageFull);
+        let error = IpcError::from(Fault::System { doing: "writing", on: "x".into(), source: source.into() });
+        assert_eq!(error.remedy(), None);
+        assert_eq!(error.to_string(), format!("writing x: {}", error.source().unwrap()));
+        let error = SettingError::new("buffer", 0, "1 to 256 frames");
+        assert_eq!(IpcError::from(error.clone()).to_string(), error.to_string());
+    }
 }

@@ -46,6 +46,7 @@ const LARGEST_SIDE: u32 = 65_535;
 #[repr(C)]
 #[repr(align(64))]
 #[type_name("uvcam::FrameHeader")]
+#[non_exhaustive]
 pub struct FrameHeader {
     /// [`MAGIC`].
     pub magic: u32,
@@ -64,7 +65,7 @@ pub struct FrameHeader {
     /// What was done to the frame and where it comes from.
     pub flags: Flags,
     /// Zero.
-    pub reserved_picture: u32,
+    pub(crate) reserved_picture: u32,
     /// Identity of the mask that was applied; all zero where none was.
     pub mask_id: [u8; 16],
     /// Exposure time in us, as read back from the camera.
@@ -86,7 +87,7 @@ pub struct FrameHeader {
     /// by [`Publisher::publish`](crate::Publisher::publish).
     pub produced: u64,
     /// Zero.
-    pub reserved_order: [u64; 3],
+    pub(crate) reserved_order: [u64; 3],
 
     /// Time between frames in ns, as read back from the camera.
     pub frame_period_ns: u64,
@@ -103,7 +104,7 @@ pub struct FrameHeader {
     /// Half width in ns of the interval around either mid-exposure stamp that holds the true time.
     pub mid_exposure_uncertainty_ns: u64,
     /// Zero.
-    pub reserved_time: u64,
+    pub(crate) reserved_time: u64,
 }
 
 macro_rules! assert_offsets {
@@ -230,6 +231,7 @@ impl fmt::Debug for Flags {
 
 /// Why a header is not to be trusted.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[non_exhaustive]
 pub enum HeaderError {
     /// Not a header of this contract.
     #[error("magic {0:#010x} is not {MAGIC:#010x} (\"UVCM\"): not a frame of uvcam")]

@@ -36,6 +36,7 @@ const LONGEST_ERROR: usize = 256;
 /// What a camera's driver does with it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
+#[non_exhaustive]
 pub enum State {
     /// It has not been opened yet.
     Starting = 1,
@@ -54,6 +55,7 @@ pub enum State {
 /// Why a camera does not publish, or last did not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
+#[non_exhaustive]
 pub enum Cause {
     /// Nothing ever went wrong.
     None = 0,
@@ -128,6 +130,7 @@ pub struct Latency {
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
 #[repr(C)]
 #[type_name("uvcam::Health")]
+#[non_exhaustive]
 pub struct Health {
     /// [`HEALTH_MAGIC`].
     pub magic: u32,
@@ -148,7 +151,7 @@ pub struct Health {
     /// Id of the process that runs the camera.
     pub process_id: u32,
     /// Zero.
-    pub reserved_state: u32,
+    pub(crate) reserved_state: u32,
     /// Frames published a second, over the last second.
     pub frame_rate: f64,
     /// Temperature of the device in degrees Celsius; NaN where it tells none.
@@ -177,7 +180,7 @@ pub struct Health {
     /// First 16 bytes of the SHA-256 of the configuration's text.
     pub config_digest: [u8; 16],
     /// Zero.
-    pub reserved_identity: [u64; 4],
+    pub(crate) reserved_identity: [u64; 4],
 
     /// From the whole frame in memory to its mask applied.
     pub arrival_to_masked: Latency,
@@ -309,6 +312,7 @@ impl Default for Health {
 
 /// Why a record is not to be trusted.
 #[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
 pub enum HealthError {
     /// Not a record of this contract.
     #[error("magic {0:#010x} is not {HEALTH_MAGIC:#010x} (\"UVCH\"): not a health record of uvcam")]

@@ -17,7 +17,7 @@
 //!         if !subscriber.wait(Duration::from_secs(1))? {
 //!             eprintln!("no frame for a second");
 //!         }
-//!         while let Some(frame) = subscriber.next()? {
+//!         while let Some(frame) = subscriber.receive()? {
 //!             let header = frame.header();
 //!             if frame.epoch_changed() {
 //!                 eprintln!("driver or camera started anew: what was tracked across frames is old");
@@ -28,7 +28,7 @@
 //!             if !header.flags.contains(Flags::MASKED) {
 //!                 eprintln!("no mask: the own airframe is in sight");
 //!             }
-//!             // Row by row, `stride` bytes apart.
+//!             // Row by row, `stride` bytes apart; `frame.rows()` gives them one by one.
 //!             detect(frame.pixels(), header.stride as usize);
 //!         }
 //!     }
@@ -40,13 +40,14 @@
 //! and come back: the subscriber finds it again by itself, and [`Subscriber::is_connected`] tells whether it has.
 //!
 //! **Wait.** [`Subscriber::wait`] sleeps until a frame is there, at most as long as it is told to. [`Subscriber::set_wakeup`] chooses how:
-//! [`Wakeup`] compares what each way costs. A program with a `WaitSet` of its own attaches the service [`wake_service_name`].
+//! [`Wakeup`] compares what each way costs. A program with a `WaitSet` of its own attaches a listener of the event service
+//! [`wake_service_name`], which it opens with [`Settings::to_iceoryx2`] and the crate [`iceoryx2`] as it is given out here.
 //!
-//! **Receive.** After each wait, [`Subscriber::next`] gives every frame, oldest first, until there is none; [`Subscriber::latest`] gives
-//! the newest and passes over the others. A [`Frame`] is the driver's own memory: it stays as it is until it is dropped, and a consumer
-//! may hold [`Settings::borrowed`] of them. The header is a checked copy; [`FrameHeader`] describes each field, and
-//! [`FrameHeader::pixel_format`] how a pixel lies in memory. A frame whose header is not to be trusted is dropped and counted by
-//! [`Subscriber::rejected`].
+//! **Receive.** After each wait, [`Subscriber::receive`] gives every frame, oldest first, until there is none;
+//! [`Subscriber::receive_latest`] gives the newest and passes over the others. A [`Frame`] is the driver's own memory: it stays as it is
+//! until it is dropped, and a consumer may hold [`Settings::borrowed`] of them. The header is a checked copy; [`FrameHeader`] describes
+//! each field, and [`FrameHeader::pixel_format`] how a pixel lies in memory. A frame whose header is not to be trusted is dropped and
+//! counted by [`Subscriber::rejected`].
 //!
 //! **Loss.** [`Frame::lost_before`] is how many frames the device produced since the frame before and this consumer did not get, for
 //! whatever reason: incomplete, never published, read too late, or while the driver was away. [`Subscriber::lost`] is their sum.
@@ -64,9 +65,10 @@
 //! [`FrameHeader::mid_exposure_uncertainty_ns`] bounds the error of both. [`FrameHeader::send_monotonic_ns`] is when the frame was sent: now
 //! minus this is how old it is to its consumer.
 //!
-//! **Errors.** An [`IpcError`] names what is wrong, where, and what mends it. A driver that is absent is none: [`Subscriber::next`] then
-//! gives `None`. After [`IpcError::TooManyHeld`], drop a frame and go on. What may pass by itself, as a full `/dev/shm`, is tried again for
-//! some seconds before it is told; after any error, the next call tries again.
+//! **Errors.** An [`IpcError`] says what is wrong and where ([`IpcError::message`]) and what mends it ([`IpcError::remedy`]); a program
+//! matches on its [`IpcError::kind`]. A driver that is absent is none: [`Subscriber::receive`] then gives `None`. After
+//! [`IpcErrorKind::TooManyHeld`], drop a frame and go on. What may pass by itself, as a full `/dev/shm`, is tried again for some seconds
+//! before it is told; after any error, the next call tries again.
 //!
 //! # Beside the frames
 //!
@@ -103,9 +105,12 @@ mod subscriber;
 mod wake_word;
 mod wakeup;
 
+/// The library underneath, in the version that a `WaitSet` of a consumer has to be of. Nothing else of it is part of this crate's interface.
+pub use iceoryx2;
+
 pub use cleanup::cleanup_dead_nodes;
 pub use clock::{monotonic_ns, realtime_ns};
-pub use error::{IpcError, LoanError};
+pub use error::{IpcError, IpcErrorKind, LoanError, LoanFailure, SettingError};
 pub use footing::Footing;
 pub use frame_service::{frame_service_name, wake_service_name};
 pub use header::{CONTRACT_VERSION, Flags, FrameHeader, HeaderError, MAGIC};

@@ -15,7 +15,7 @@ use rustix::fs::{Access, AtFlags, CWD, FlockOperation, StatVfsMountFlags, access
 use rustix::io::Errno;
 use rustix::process::{Resource, geteuid, getrlimit};
 
-use crate::error::IpcError;
+use crate::error::{Fault, IpcError};
 use crate::quirks::{self, SHARED_MEMORY};
 use crate::settings::ROOM_BYTES;
 
@@ -34,7 +34,7 @@ const LONGEST_PASSWD: u64 = 4 << 20;
 /// Compares the owner of `root_path`, where it exists, with the user of this program.
 ///
 /// # Errors
-/// [`IpcError::Permission`]: shared memory is the owner's alone, and whoever else signs in costs everyone frames.
+/// [`Fault::Permission`]: shared memory is the owner's alone, and whoever else signs in costs everyone frames.
 pub(crate) fn check_owner(config: &Config) -> Result<(), IpcError> {
     let root_path = Path::new(config.global.root_path().as_str());
     match fs::metadata(root_path) {
@@ -69,7 +69,7 @@ pub(crate) fn check(config: &Config, files: u64, mapped_bytes: u64) -> Result<()
 /// Looks whether `/dev/shm` is there, may be written to, and is not full.
 ///
 /// # Errors
-/// [`IpcError::Unwritable`] and [`IpcError::NoRoom`].
+/// [`Fault::Unwritable`] and [`Fault::NoRoom`].
 pub(crate) fn check_shared_memory() -> Result<(), IpcError> {
     check_writable(Path::new(SHARED_MEMORY))?;
     check_room(0)
@@ -78,7 +78,7 @@ pub(crate) fn check_shared_memory() -> Result<(), IpcError> {
 /// Looks whether `/dev/shm` has room for `bytes` and for the small files of those who sign in.
 ///
 /// # Errors
-/// [`IpcError::NoRoom`], or [`IpcError::Unwritable`] where there is no such place.
+/// [`Fault::NoRoom`], or [`Fault::Unwritable`] where there is no such place.
 pub(crate) fn check_room(bytes: u64) -> Result<(), IpcError> {
     let found = statvfs(SHARED_MEMORY).map_err(|error| unwritable(Path::new(SHARED_MEMORY), error.into()))?;
     let need_bytes = bytes.saturating_add(ROOM_BYTES);
@@ -88,7 +88,7 @@ pub(crate) fn check_room(bytes: u64) -> Result<(), IpcError> {
     if free_bytes >= need_bytes && has_names {
         return Ok(());
     }
-    Err(IpcError::NoRoom { need_bytes, free_bytes, free_files: found.f_favail })
+    Err(Fault::NoRoom { need_bytes, free_bytes, free_files: found.f_favail }.into())
 }
 
 /// Keeps other drivers of this `root_path` from counting the same free bytes, from the look at `/dev/shm` until the memory is taken: as long
@@ -110,11 +110,11 @@ pub(crate) fn take_turn(config: &Config) -> Option<File> {
 /// Fails where a file that others find by its name belongs to another user, who could change it under our eyes.
 ///
 /// # Errors
-/// [`IpcError::Foreign`].
+/// [`Fault::Foreign`].
 pub(crate) fn check_ours(file: &Path) -> Result<(), IpcError> {
     match fs::symlink_metadata(file) {
         Ok(found) if is_foreign(&found) => {
-            Err(IpcError::Foreign { file: file.to_owned(), owner: name_of(found.uid()) })
+            Err(Fault::Foreign { file: file.to_owned(), owner: name_of(found.uid()) }.into())
         }
         _ => Ok(()),
     }
@@ -181,7 +181,7 @@ fn unwritable(folder: &Path, cause: io::Error) -> IpcError {
     if is_shared_memory {
         remedy += "; in a container: --ipc=host, or --shm-size with a size that suffices";
     }
-    IpcError::Unwritable { place: folder.to_owned(), remedy, source: cause }
+    Fault::Unwritable { place: folder.to_owned(), remedy, source: cause }.into()
 }
 
 fn check_open_files(need: u64) -> Result<(), IpcError> {
@@ -193,12 +193,18 @@ fn check_open_files(need: u64) -> Result<(), IpcError> {
         // What cannot be counted is not held against anyone.
         Err(_) => 0,
     };
-    if limit.saturating_sub(open) < need { Err(IpcError::TooFewFiles { limit, open, need }) } else { Ok(()) }
+    if limit.saturating_sub(open) < need {
+        Err(Fault::TooFewFiles { limit, open, need }.into())
+    } else {
+        Ok(())
+    }
 }
 
 fn check_address_space(need_bytes: u64) -> Result<(), IpcError> {
     match address_space_left() {
-        Some(left_bytes) if left_bytes < need_bytes => Err(IpcError::AddressSpace { left_bytes, need_bytes }),
+        Some(left_bytes) if left_bytes < need_bytes => {
+            Err(Fault::AddressSpace { left_bytes, need_bytes }.into())
+        }
         _ => Ok(()),
     }
 }
@@ -235,11 +241,12 @@ fn has_version(register: &Path) -> bool {
 
 /// The error of a program that runs as another user than the owner of `place`.
 fn not_ours(place: &Path, found: &Metadata) -> IpcError {
-    IpcError::Permission {
+    Fault::Permission {
         root_path: place.to_owned(),
         owner: name_of(found.uid()),
         user: name_of(geteuid().as_raw()),
     }
+    .into()
 }
 
 /// The error of a program that iceoryx2 found without rights, in spite of all.
@@ -247,7 +254,7 @@ pub(crate) fn no_access(config: &Config) -> IpcError {
     let root_path = Path::new(config.global.root_path().as_str());
     let user = name_of(geteuid().as_raw());
     let owner = fs::metadata(root_path).map_or_else(|_| user.clone(), |found| name_of(found.uid()));
-    IpcError::Permission { root_path: root_path.to_owned(), owner, user }
+    Fault::Permission { root_path: root_path.to_owned(), owner, user }.into()
 }
 
 /// The name that `/etc/passwd` (passwd(5)) gives to a user, else the number.

@@ -17,7 +17,7 @@ use rustix::fs::statvfs;
 
 use crate::cleanup::forget_segments;
 use crate::clock::{monotonic_ns, realtime_ns};
-use crate::error::{IpcError, LoanError};
+use crate::error::{Fault, IpcError, LoanError, LoanFailure, SettingError};
 use crate::footing::{Footing, marks_of};
 use crate::frame_service::{self, FrameService, WakeService};
 use crate::header::FrameHeader;
@@ -62,7 +62,7 @@ impl Publisher {
     ) -> Result<Publisher, IpcError> {
         if frame_bytes == 0 || loans == 0 {
             let (key, found) = if loans == 0 { ("loans", loans) } else { ("frame_bytes", frame_bytes) };
-            return Err(IpcError::Setting { key, found: found.to_string(), allowed: "1 or more" });
+            return Err(SettingError::new(key, found, "1 or more").into());
         }
         patiently(|| {
             let address = Address::for_publisher(settings, camera)?;
@@ -79,7 +79,7 @@ impl Publisher {
         let node = address.driver_node(open_files(settings), premises::MAPPED_BYTES)?;
         let (frames, wake) = frame_service::create(&address, &node, settings)?;
         if frames.dynamic_config().number_of_publishers() > 0 {
-            return Err(IpcError::AlreadyPublishing(address.camera));
+            return Err(Fault::AlreadyPublishing(address.camera).into());
         }
         let turn = premises::take_turn(&address.config);
         let need_bytes = check_space(&address.camera, &frames, frame_bytes, loans)?;
@@ -94,7 +94,7 @@ impl Publisher {
             .create()
             .map_err(|source| match source {
                 PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                    IpcError::AlreadyPublishing(address.camera.clone())
+                    Fault::AlreadyPublishing(address.camera.clone()).into()
                 }
                 PublisherCreateError::UnableToCreateDataSegment => {
                     forget_segments(&address.config, node.id().value());
@@ -136,10 +136,9 @@ impl Publisher {
 
     /// Takes the memory of all slots from the system, so that no frame has to wait for it.
     fn take_memory(&self) -> Result<(), IpcError> {
-        let failed = |source: Box<dyn Error + Send + Sync>| IpcError::System {
-            doing: "taking the memory of",
-            on: self.frames.name().as_str().to_owned(),
-            source,
+        let failed = |source: Box<dyn Error + Send + Sync>| {
+            let on = self.frames.name().as_str().to_owned();
+            IpcError::from(Fault::System { doing: "taking the memory of", on, source })
         };
         // All slots lie in one mapping.
         let slot = self.loan().map_err(|error| failed(Box::new(error)))?;
@@ -156,7 +155,7 @@ impl Publisher {
             // SAFETY: law 1.
             Ok(sample) => Ok(Slot { sample: unsafe { sample.assume_init() } }),
             Err(iceoryx2::port::LoanError::ExceedsMaxLoans) => Err(LoanError::AllOnLoan(self.loans)),
-            Err(source) => Err(LoanError::Failed(source)),
+            Err(source) => Err(LoanError::Failed(LoanFailure(source))),
         }
     }
 
@@ -165,7 +164,8 @@ impl Publisher {
     /// Never waits: a consumer whose buffer is full loses its oldest frame. Fills `counting`, `produced` and `send_monotonic_ns`.
     ///
     /// # Errors
-    /// [`IpcError::Header`] where the header does not describe the slot; [`IpcError::System`] where iceoryx2 fails. The frame was then
+    /// [`IpcErrorKind::Header`](crate::IpcErrorKind::Header) where the header does not describe the slot;
+    /// [`IpcErrorKind::System`](crate::IpcErrorKind::System) where iceoryx2 fails. The frame was then
     /// not counted: it is one for [`Publisher::count_lost`].
     #[inline]
     pub fn publish(&mut self, mut slot: Slot, header: &FrameHeader) -> Result<usize, IpcError> {
@@ -241,7 +241,7 @@ fn open_files(settings: &Settings) -> u64 {
 }
 
 fn not_mapped(camera: &str, need_bytes: u64, source: Box<dyn Error + Send + Sync>) -> IpcError {
-    IpcError::NotMapped { camera: camera.to_owned(), need_bytes, source }
+    Fault::NotMapped { camera: camera.to_owned(), need_bytes, source }.into()
 }
 
 /// Refuses with figures before memory is taken.
@@ -259,7 +259,7 @@ fn check_space(
         loans,
     );
     let need_bytes = shared_memory_needed(slots, frame_bytes);
-    let free = statvfs(SHARED_MEMORY).map_err(|source| IpcError::System {
+    let free = statvfs(SHARED_MEMORY).map_err(|source| Fault::System {
         doing: "reading the free space of",
         on: SHARED_MEMORY.to_owned(),
         source: Box::new(source),
@@ -269,7 +269,9 @@ fn check_space(
     let need_free_bytes = need_bytes.saturating_add(ROOM_BYTES);
     if need_free_bytes > free_bytes {
         let need_bytes = need_free_bytes;
-        return Err(IpcError::SharedMemoryFull { camera: camera.to_owned(), slots, need_bytes, free_bytes });
+        return Err(
+            Fault::SharedMemoryFull { camera: camera.to_owned(), slots, need_bytes, free_bytes }.into()
+        );
     }
     if let Some(left_bytes) = premises::address_space_left().filter(|left_bytes| *left_bytes < need_bytes) {
         let source = format!("{} MB of address space are left", left_bytes / 1_000_000);

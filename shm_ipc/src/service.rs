@@ -13,7 +13,7 @@ use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
 
 use crate::cleanup::{cleanup, clear_the_way, half_made};
-use crate::error::IpcError;
+use crate::error::{Fault, IpcError};
 use crate::footing::{Footing, Held, marks_of};
 use crate::log::quieten;
 use crate::premises;
@@ -126,8 +126,8 @@ impl Address {
         let service = name.as_str().to_owned();
         match refusal.reason() {
             Reason::Permission => premises::no_access(&self.config),
-            Reason::Full => IpcError::TooManyConsumers(service),
-            Reason::Incompatible => IpcError::Incompatible { service, source: Box::new(refusal) },
+            Reason::Full => Fault::TooManyConsumers(service).into(),
+            Reason::Incompatible => Fault::Incompatible { service, source: Box::new(refusal) }.into(),
             Reason::Absent | Reason::Other => self.failed(doing, &service, refusal),
         }
     }
@@ -157,7 +157,7 @@ impl Address {
         on: &str,
         source: impl std::error::Error + Send + Sync + 'static,
     ) -> IpcError {
-        IpcError::System { doing, on: on.to_owned(), source: Box::new(source) }
+        Fault::System { doing, on: on.to_owned(), source: Box::new(source) }.into()
     }
 
     /// The page of the camera's wake word. `root_path`, which is there when it is needed, may have several paths, in containers and by links.
@@ -174,7 +174,7 @@ impl Address {
 }
 
 fn wrong_name(camera: &str) -> IpcError {
-    IpcError::CameraName(camera.to_owned())
+    Fault::CameraName(camera.to_owned()).into()
 }
 
 /// Tries again for a while what may succeed when a predecessor has stopped, others have let go, and half-made files are gone.

@@ -8,7 +8,7 @@ use iceoryx2::config::Config;
 use iceoryx2::prelude::{FileName, Path, SemanticString};
 use iceoryx2::service::header::publish_subscribe::Header;
 
-use crate::error::IpcError;
+use crate::error::SettingError;
 use crate::header::FrameHeader;
 use crate::quirks::LONGEST_PATHS;
 
@@ -21,7 +21,13 @@ const CREATION_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Where the services live and how much a consumer may lag. `prefix` and `root_path` are the address: driver and consumers must
 /// agree. The numbers are the driver's to choose; consumers take what they find.
+///
+/// ```
+/// let mut settings = uvcam_shm_ipc::Settings::new("uvcam_", "/run/uvcam");
+/// settings.borrowed = 8;
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Settings {
     /// Start of the name of every file in `/dev/shm` and `root_path`.
     pub prefix: String,
@@ -50,6 +56,11 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// An address, and the numbers of [`Settings::default`].
+    pub fn new(prefix: impl Into<String>, root_path: impl Into<PathBuf>) -> Self {
+        Settings { prefix: prefix.into(), root_path: root_path.into(), ..Settings::default() }
+    }
+
     /// Slots that one camera needs so that no consumer, however slow, can take the last:
     /// `max_subscribers * (buffer + borrowed) + loans`, with `loans` slots in the hands of the driver.
     pub fn slots_needed(&self, loans: usize) -> usize {
@@ -64,8 +75,8 @@ impl Settings {
     /// Checks what driver and consumers will be refused for, without making anything.
     ///
     /// # Errors
-    /// [`IpcError::Setting`] for the first setting outside its limits.
-    pub fn validate(&self) -> Result<(), IpcError> {
+    /// [`SettingError`]: the first setting outside its limits.
+    pub fn validate(&self) -> Result<(), SettingError> {
         self.to_iceoryx2().map(drop)
     }
 
@@ -75,24 +86,21 @@ impl Settings {
         cameras.fold(ROOM_BYTES, u64::saturating_add)
     }
 
-    /// The configuration of iceoryx2, from these settings alone: no file is read.
-    pub(crate) fn to_iceoryx2(&self) -> Result<Config, IpcError> {
+    /// The configuration of [`iceoryx2`], from these settings alone: no file is read. For a consumer with a `WaitSet` of its own, which opens
+    /// the event service [`wake_service_name`](crate::wake_service_name) with it.
+    ///
+    /// # Errors
+    /// As [`Settings::validate`].
+    pub fn to_iceoryx2(&self) -> Result<Config, SettingError> {
         self.check_number("max_subscribers", self.max_subscribers, 64, "1 to 64")?;
         self.check_number("buffer", self.buffer, 256, "1 to 256 frames")?;
         self.check_number("borrowed", self.borrowed, 64, "1 to 64 frames")?;
         let prefix = FileName::new(self.prefix.as_bytes()).ok().filter(|_| is_name(&self.prefix, 32));
         let Some(prefix) = prefix else {
-            return Err(IpcError::Setting {
-                key: "prefix",
-                found: format!("\"{}\"", self.prefix),
-                allowed: "1 to 32 letters, digits, \"_\" or \"-\"",
-            });
+            let found = format!("\"{}\"", self.prefix);
+            return Err(SettingError::new("prefix", found, "1 to 32 letters, digits, \"_\" or \"-\""));
         };
-        let refused = |allowed| IpcError::Setting {
-            key: "root_path",
-            found: self.root_path.display().to_string(),
-            allowed,
-        };
+        let refused = |allowed| SettingError::new("root_path", self.root_path.display(), allowed);
         let bytes = self.root_path.as_os_str().as_encoded_bytes();
         if !self.root_path.is_absolute() || bytes.len() + self.prefix.len() > LONGEST_PATHS {
             return Err(refused("an absolute path of at most 60 bytes together with prefix"));
@@ -122,10 +130,10 @@ impl Settings {
         found: usize,
         most: usize,
         allowed: &'static str,
-    ) -> Result<(), IpcError> {
+    ) -> Result<(), SettingError> {
         match found {
             1.. if found <= most => Ok(()),
-            _ => Err(IpcError::Setting { key, found: found.to_string(), allowed }),
+            _ => Err(SettingError::new(key, found, allowed)),
         }
     }
 }

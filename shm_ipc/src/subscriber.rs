@@ -16,7 +16,7 @@ use iceoryx2::sample::Sample;
 use crate::cleanup::cleanup;
 use crate::clock::{after, monotonic_ns, until};
 use crate::continuity::{Continuity, Step};
-use crate::error::IpcError;
+use crate::error::{Fault, IpcError};
 use crate::header::FrameHeader;
 use crate::prediction::Prediction;
 use crate::premises;
@@ -95,12 +95,12 @@ impl Subscriber {
     /// `None`, it yields every frame.
     ///
     /// # Errors
-    /// [`IpcError::TooManyHeld`] where the caller holds as many frames as the driver allows, and those of [`Subscriber::open`].
-    #[allow(clippy::should_implement_trait, reason = "an iterator ends where this has to wait")]
-    pub fn next(&mut self) -> Result<Option<Frame>, IpcError> {
+    /// [`IpcErrorKind::TooManyHeld`](crate::IpcErrorKind::TooManyHeld) where the caller holds as many frames as the driver allows, and
+    /// those of [`Subscriber::open`].
+    pub fn receive(&mut self) -> Result<Option<Frame>, IpcError> {
         let now_ns = monotonic_ns();
         self.look_after_link(now_ns)?;
-        while let Some(sample) = self.receive()? {
+        while let Some(sample) = self.take_sample()? {
             // Law 1.
             let header = *sample.user_header();
             match header.validate(sample.payload().len()) {
@@ -119,10 +119,10 @@ impl Subscriber {
     /// read. Never waits.
     ///
     /// # Errors
-    /// As [`Subscriber::next`].
-    pub fn latest(&mut self) -> Result<Option<Frame>, IpcError> {
+    /// As [`Subscriber::receive`].
+    pub fn receive_latest(&mut self) -> Result<Option<Frame>, IpcError> {
         let mut passed_over = Step { lost: 0, epoch_changed: false };
-        while let Some(mut frame) = self.next()? {
+        while let Some(mut frame) = self.receive()? {
             frame.step.lost = frame.step.lost.saturating_add(passed_over.lost);
             frame.step.epoch_changed |= passed_over.epoch_changed;
             if !self.has_unread() {
@@ -183,7 +183,7 @@ impl Subscriber {
         }
     }
 
-    /// Frames given out or passed over by [`Subscriber::latest`].
+    /// Frames given out or passed over by [`Subscriber::receive_latest`].
     pub fn frames(&self) -> u64 {
         self.frames
     }
@@ -222,7 +222,7 @@ impl Subscriber {
         step
     }
 
-    fn receive(&mut self) -> Result<Option<Sample<Ipc, [u8], FrameHeader>>, IpcError> {
+    fn take_sample(&mut self) -> Result<Option<Sample<Ipc, [u8], FrameHeader>>, IpcError> {
         if let Some(sample) = self.watched.take() {
             return Ok(Some(sample));
         }
@@ -247,7 +247,7 @@ impl Subscriber {
     }
 
     fn too_many_held(&self) -> IpcError {
-        IpcError::TooManyHeld(self.address.camera.clone())
+        Fault::TooManyHeld(self.address.camera.clone()).into()
     }
 
     fn has_unread(&mut self) -> bool {
@@ -330,6 +330,14 @@ impl Frame {
     /// The image, row by row from the top, [`FrameHeader::stride`] bytes apart; ends with the last pixel of the last row.
     pub fn pixels(&self) -> &[u8] {
         self.sample.payload().get(..self.image_bytes).unwrap_or_default()
+    }
+
+    /// The rows of the image from the top, each of `width * bytes_per_pixel` bytes: what lies between rows is left out.
+    pub fn rows(&self) -> impl ExactSizeIterator<Item = &[u8]> + DoubleEndedIterator + Clone {
+        let stride = self.header.stride as usize;
+        // What the last row has; `pixels` ends with it.
+        let row_bytes = self.image_bytes - stride * (self.header.height as usize - 1);
+        self.pixels().chunks(stride).map(move |row| row.get(..row_bytes).unwrap_or_default())
     }
 
     /// Frames that the device produced since the frame before and that did not reach this consumer: those that were never published

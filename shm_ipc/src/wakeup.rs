@@ -2,6 +2,7 @@
 
 /// How [`Subscriber::wait`](crate::Subscriber::wait) waits for a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Wakeup {
     /// Sleeps on the camera's wake word. Costs nothing while it sleeps.
     #[default]

@@ -16,7 +16,7 @@ use support::*;
 use uvcam_shm_ipc::control::{ControlClient, ControlServer, control_service_name};
 use uvcam_shm_ipc::health::{HealthPublisher, HealthReader, health_service_name};
 use uvcam_shm_ipc::{
-    FrameHeader, IpcError, LoanError, PixelFormat, Publisher, Settings, Subscriber, cleanup_dead_nodes,
+    FrameHeader, IpcError, IpcErrorKind, PixelFormat, Publisher, Settings, Subscriber, cleanup_dead_nodes,
     frame_service_name,
 };
 
@@ -37,11 +37,14 @@ fn child() {
     for error in everyone(&settings) {
         match resource {
             Resource::Nofile => {
-                assert!(matches!(error, IpcError::TooFewFiles { need: 16.., .. }), "{error:?}");
+                assert_eq!(error.kind(), IpcErrorKind::TooFewFiles, "{error}");
+                let message = error.message();
+                let (begin, _) = message.split_once(" more are needed").unwrap();
+                assert!(begin.rsplit(' ').next().unwrap().parse::<u64>().unwrap() >= 16, "{error}");
                 says(&error, &[&room.to_string(), "ulimit -n"]);
             }
             _ => {
-                assert!(matches!(error, IpcError::AddressSpace { .. }), "{error:?}");
+                assert_eq!(error.kind(), IpcErrorKind::AddressSpace, "{error}");
                 says(&error, &["ulimit -v"]);
             }
         }
@@ -93,21 +96,21 @@ fn give_to_nobody(file: impl AsRef<std::path::Path>) {
 fn names_and_numbers_that_cannot_be() {
     let place = Place::new();
     let error = place.subscriber_of("le ft").unwrap_err();
-    assert!(matches!(error, IpcError::CameraName(_)), "{error:?}");
+    assert_eq!(error.kind(), IpcErrorKind::CameraName, "{error}");
     says(&error, &["\"le ft\"", "1 to 64 letters"]);
     for (settings, key, allowed) in [
-        (Settings { buffer: 257, ..place.settings.clone() }, "buffer = 257", "1 to 256"),
-        (Settings { borrowed: 0, ..place.settings.clone() }, "borrowed = 0", "1 to 64"),
-        (Settings { max_subscribers: 65, ..place.settings.clone() }, "max_subscribers = 65", "1 to 64"),
-        (Settings { prefix: "a/b".into(), ..place.settings.clone() }, "prefix = \"a/b\"", "1 to 32 letters"),
+        (with(place.settings.clone(), |it| it.buffer = 257), "buffer = 257", "1 to 256"),
+        (with(place.settings.clone(), |it| it.borrowed = 0), "borrowed = 0", "1 to 64"),
+        (with(place.settings.clone(), |it| it.max_subscribers = 65), "max_subscribers = 65", "1 to 64"),
+        (with(place.settings.clone(), |it| it.prefix = "a/b".into()), "prefix = \"a/b\"", "1 to 32 letters"),
         (
-            Settings { root_path: "here".into(), ..place.settings.clone() },
+            with(place.settings.clone(), |it| it.root_path = "here".into()),
             "root_path = here",
             "absolute path",
         ),
     ] {
         let error = Subscriber::open(&settings, CAMERA).unwrap_err();
-        assert!(matches!(error, IpcError::Setting { .. }), "{error:?}");
+        assert_eq!(error.kind(), IpcErrorKind::Setting, "{error}");
         says(&error, &[key, allowed]);
     }
 }
@@ -117,13 +120,13 @@ fn services_and_frames_that_somebody_holds() {
     let place = Place::new();
     let mut publisher = place.publisher();
     let error = Publisher::create(&place.settings, CAMERA, FRAME_BYTES, LOANS).unwrap_err();
-    assert!(matches!(error, IpcError::AlreadyPublishing(_)), "{error:?}");
+    assert_eq!(error.kind(), IpcErrorKind::AlreadyPublishing, "{error}");
     says(&error, &["\"left\"", "another running driver", "another camera name or prefix"]);
 
     let mut subscriber = place.subscriber();
     let _second = place.subscriber();
     let error = place.subscriber_of(CAMERA).unwrap_err();
-    assert!(matches!(error, IpcError::TooManyConsumers(_)), "{error:?}");
+    assert_eq!(error.kind(), IpcErrorKind::TooManyConsumers, "{error}");
     says(&error, &[&frame_service_name(CAMERA), "stop one", "max_subscribers"]);
 
     let held: Vec<_> = (0..place.settings.borrowed as u64)
@@ -133,23 +136,18 @@ fn services_and_frames_that_somebody_holds() {
         })
         .collect();
     publish(&mut publisher, 7, 9);
-    let error = subscriber.next().unwrap_err();
-    assert!(matches!(error, IpcError::TooManyHeld(_)), "{error:?}");
+    let error = subscriber.receive().unwrap_err();
+    assert_eq!(error.kind(), IpcErrorKind::TooManyHeld, "{error}");
     says(&error, &["\"left\"", "drop one", "borrowed"]);
 
     let slots: Vec<_> = (0..LOANS).map(|_| publisher.loan().unwrap()).collect();
     says(&publisher.loan().unwrap_err(), &["all 3 slots", "drop one"]);
     drop(slots);
-    // A segment has a slot for each that can be held, so that iceoryx2 has nothing to fail by.
-    says(
-        &LoanError::Failed(iceoryx2::port::LoanError::OutOfMemory),
-        &["no slot of shared memory", "OutOfMemory"],
-    );
 
     drop(publisher);
-    let larger = Settings { buffer: 8, ..place.settings.clone() };
+    let larger = with(place.settings.clone(), |it| it.buffer = 8);
     let error = Publisher::create(&larger, CAMERA, FRAME_BYTES, LOANS).unwrap_err();
-    assert!(matches!(error, IpcError::Incompatible { .. }), "{error:?}");
+    assert_eq!(error.kind(), IpcErrorKind::Incompatible, "{error}");
     says(&error, &[&frame_service_name(CAMERA), "stop its consumers", "same settings and version"]);
     drop(held);
 }
@@ -162,12 +160,12 @@ fn health_and_control_tell_whoever_comes_too_late_that_all_places_are_taken() {
     let _publisher = HealthPublisher::create(settings, CAMERA).unwrap();
     let _readers: Vec<_> = (0..16).map(|_| HealthReader::open(settings, CAMERA).unwrap().unwrap()).collect();
     let error = HealthReader::open(settings, CAMERA).map(drop).unwrap_err();
-    assert!(matches!(error, IpcError::TooManyConsumers(_)), "{error:?}");
+    assert_eq!(error.kind(), IpcErrorKind::TooManyConsumers, "{error}");
     says(&error, &[&health, "stop one"]);
     let _server = ControlServer::create(settings, CAMERA).unwrap();
     let _clients: Vec<_> = (0..4).map(|_| ControlClient::open(settings, CAMERA).unwrap().unwrap()).collect();
     let error = ControlClient::open(settings, CAMERA).map(drop).unwrap_err();
-    assert!(matches!(error, IpcError::TooManyConsumers(_)), "{error:?}");
+    assert_eq!(error.kind(), IpcErrorKind::TooManyConsumers, "{error}");
     says(&error, &[&control, "stop one"]);
 }
 
@@ -177,7 +175,7 @@ fn a_header_that_does_not_describe_its_frame() {
     let mut publisher = place.publisher();
     let header = FrameHeader::new(2 * WIDTH, HEIGHT, 2 * WIDTH, PixelFormat::Mono8);
     let error = publisher.publish(publisher.loan().unwrap(), &header).unwrap_err();
-    assert!(matches!(error, IpcError::Header(_)), "{error:?}");
+    assert_eq!(error.kind(), IpcErrorKind::Header, "{error}");
     says(&error, &["frame not published"]);
 }
 
@@ -191,7 +189,7 @@ fn what_the_system_refuses_is_told_with_its_place() {
     fs::create_dir(&wake).unwrap();
     let error = Publisher::create(&place.settings, CAMERA, FRAME_BYTES, LOANS).unwrap_err();
     fs::remove_dir(&wake).unwrap();
-    assert!(matches!(error, IpcError::System { .. }), "{error:?}");
+    assert_eq!(error.kind(), IpcErrorKind::System, "{error}");
     says(&error, &["creating the wake word", wake.to_str().unwrap(), "Is a directory"]);
 }
 
@@ -208,7 +206,7 @@ fn a_root_path_of_another_user_is_refused_before_anything_is_made() {
     fs::create_dir(&root_path).unwrap();
     give_to_nobody(&root_path);
     for error in everyone(&place.settings) {
-        assert!(matches!(error, IpcError::Permission { .. }), "{error:?}");
+        assert_eq!(error.kind(), IpcErrorKind::Permission, "{error}");
         says(&error, &[root_path.to_str().unwrap(), "user nobody", "sudo -u nobody", "sudo rm -r"]);
     }
     assert_eq!(fs::read_dir(&root_path).unwrap().count(), 0);
@@ -249,7 +247,7 @@ fn files_of_another_user_are_named_and_not_touched() {
         fs::write(&file, "planted").unwrap();
         give_to_nobody(&file);
         let error = Publisher::create(&place.settings, CAMERA, FRAME_BYTES, LOANS).unwrap_err();
-        assert!(matches!(error, IpcError::Foreign { .. }), "{error:?}");
+        assert_eq!(error.kind(), IpcErrorKind::Foreign, "{error}");
         says(&error, &[file.to_str().unwrap(), "user nobody", "sudo rm", "another prefix"]);
         assert_eq!(fs::read_to_string(&file).unwrap(), "planted");
         fs::remove_file(&file).unwrap();
@@ -263,8 +261,11 @@ fn a_full_shared_memory_is_told_to_whoever_comes() {
         let place = Place::new();
         let too_large = 2 << 20;
         let error = Publisher::create(&place.settings, CAMERA, too_large, LOANS).unwrap_err();
-        assert!(matches!(error, IpcError::SharedMemoryFull { slots: 15, .. }), "{error:?}");
-        says(&error, &["/dev/shm has 8 MB free", "\"left\" needs 3", "--shm-size", "max_subscribers"]);
+        assert_eq!(error.kind(), IpcErrorKind::SharedMemoryFull, "{error}");
+        says(
+            &error,
+            &["(15 slots)", "/dev/shm has 8 MB free", "\"left\" needs 3", "--shm-size", "max_subscribers"],
+        );
         // Somebody flies already; then another program takes all there is.
         let mut publisher = place.publisher();
         let health = HealthPublisher::create(&place.settings, CAMERA).unwrap();
@@ -274,9 +275,9 @@ fn a_full_shared_memory_is_told_to_whoever_comes() {
         let free = statvfs("/dev/shm").unwrap();
         let bytes = usize::try_from(free.f_bavail * free.f_frsize).unwrap();
         fs::write("/dev/shm/full", vec![1; bytes]).unwrap();
-        let other = Settings { root_path: place.folder.path().join("other"), ..place.settings.clone() };
+        let other = with(place.settings.clone(), |it| it.root_path = place.folder.path().join("other"));
         for error in everyone(&place.settings).into_iter().chain(everyone(&other)) {
-            assert!(matches!(error, IpcError::NoRoom { .. }), "{error:?}");
+            assert_eq!(error.kind(), IpcErrorKind::NoRoom, "{error}");
             says(&error, &["/dev/shm is full", "0 kB", "kB needed", "--shm-size or --ipc=host"]);
         }
         // Who was there goes on, through every slot and record.
@@ -298,14 +299,14 @@ fn a_full_shared_memory_takes_no_question_and_no_answer() {
         let _replies = client.request("first").unwrap();
         let mut question = None;
         wait_until("the question", || {
-            question = server.next().unwrap();
+            question = server.receive().unwrap();
             question.is_some()
         });
         let free = statvfs("/dev/shm").unwrap();
         fs::write("/dev/shm/full", vec![1; usize::try_from(free.f_bavail * free.f_frsize).unwrap()]).unwrap();
         assert!(!question.unwrap().reply(&"x".repeat(200_000)));
         let error = client.request(&"x".repeat(200_000)).map(drop).unwrap_err();
-        assert!(matches!(error, IpcError::NoRoom { .. }), "{error:?}");
+        assert_eq!(error.kind(), IpcErrorKind::NoRoom, "{error}");
     });
 }
 
@@ -313,7 +314,7 @@ fn a_full_shared_memory_takes_no_question_and_no_answer() {
 fn a_read_only_shared_memory_is_told_to_whoever_comes() {
     with_shared_memory("ro", "a_read_only_shared_memory_is_told_to_whoever_comes", || {
         for error in everyone(&Place::new().settings) {
-            assert!(matches!(error, IpcError::Unwritable { .. }), "{error:?}");
+            assert_eq!(error.kind(), IpcErrorKind::Unwritable, "{error}");
             says(&error, &["/dev/shm cannot be written", "ead-only", "remount,rw", "--ipc=host"]);
         }
     });

@@ -11,9 +11,9 @@ use std::time::{Duration, SystemTime};
 
 use support::child::{Role, publish_on_demand, role};
 use support::*;
+use uvcam_shm_ipc::cleanup_dead_nodes;
 use uvcam_shm_ipc::control::{ControlClient, ControlServer};
 use uvcam_shm_ipc::health::{Health, HealthPublisher, HealthReader};
-use uvcam_shm_ipc::{Settings, cleanup_dead_nodes};
 
 const HOUR: Duration = Duration::from_secs(3600);
 
@@ -123,7 +123,7 @@ fn what_killed_programs_left_of_their_nodes_is_swept() {
     plant(nodes.join(format!("{prefix}33333.node_monitor_owner_lock")), 0o600, old);
     plant(nodes.join(format!("{prefix}44444.node_monitor")), 0o600, old);
     // Another prefix in the same folder, which begins alike; and somebody who is just signing in.
-    let other = Settings { prefix: format!("{prefix}more_"), ..place.settings.clone() };
+    let other = with(place.settings.clone(), |it| it.prefix = format!("{prefix}more_"));
     let neighbour = uvcam_shm_ipc::Publisher::create(&other, CAMERA, FRAME_BYTES, LOANS).unwrap();
     let neighbours: Vec<_> = names(&nodes).into_iter().filter(|name| !before.contains(name)).collect();
     fs::create_dir(nodes.join("55555")).unwrap();
@@ -172,7 +172,7 @@ fn two_root_paths_with_one_prefix_share_nothing() {
     let place = Place::new();
     let mut one = place.publisher();
     let files = place.shared_memory();
-    let settings = Settings { root_path: place.folder.path().join("other"), ..place.settings.clone() };
+    let settings = with(place.settings.clone(), |it| it.root_path = place.folder.path().join("other"));
     let other = uvcam_shm_ipc::Publisher::create(&settings, CAMERA, FRAME_BYTES, LOANS).unwrap();
     assert_eq!(shared(&place, ".wake").len(), 2);
     assert_eq!(shared(&place, ".global_mgmt").len(), 2);

@@ -4,7 +4,6 @@
 
 mod support;
 
-use iceoryx2::config::Config;
 use iceoryx2::prelude::*;
 use support::*;
 use uvcam_shm_ipc::{FrameHeader, frame_service_name, wake_service_name};
@@ -13,9 +12,7 @@ type Frames = iceoryx2::port::publisher::Publisher<ipc_threadsafe::Service, [u8]
 
 /// The services of a camera, made without this crate.
 fn raw_services(place: &Place) -> (Frames, impl Sized) {
-    let mut config = Config::default();
-    config.global.prefix = FileName::new(place.settings.prefix.as_bytes()).unwrap();
-    config.global.set_root_path(&Path::new(place.settings.root_path.to_str().unwrap().as_bytes()).unwrap());
+    let config = place.settings.to_iceoryx2().unwrap();
     let node = NodeBuilder::new().config(&config).create::<ipc_threadsafe::Service>().unwrap();
     let wake = node
         .service_builder(&ServiceName::new(&wake_service_name(CAMERA)).unwrap())
@@ -35,7 +32,7 @@ fn raw_services(place: &Place) -> (Frames, impl Sized) {
 
 /// As a driver counts whose every frame goes out.
 fn counted(sequence: u64) -> FrameHeader {
-    FrameHeader { counting: 1, produced: sequence, ..header(7, sequence) }
+    with(header(7, sequence), |it| (it.counting, it.produced) = (1, sequence))
 }
 
 fn send(publisher: &Frames, header: FrameHeader, payload_len: usize) {
@@ -57,18 +54,18 @@ fn frames_that_lie_are_rejected_and_counted() {
     let good = header(7, 0);
     let lies = [
         FrameHeader::default(),
-        FrameHeader { magic: 0x5555_5555, ..good },
-        FrameHeader { contract_version: 9, ..good },
-        FrameHeader { header_size: 64, ..good },
-        FrameHeader { pixel_format: 0x0210_0032, ..good },
-        FrameHeader { width: u32::MAX, height: u32::MAX, stride: u32::MAX, ..good },
-        FrameHeader { height: HEIGHT + 1, ..good },
-        FrameHeader { stride: WIDTH - 1, ..good },
+        with(good, |it| it.magic = 0x5555_5555),
+        with(good, |it| it.contract_version = 9),
+        with(good, |it| it.header_size = 64),
+        with(good, |it| it.pixel_format = 0x0210_0032),
+        with(good, |it| (it.width, it.height, it.stride) = (u32::MAX, u32::MAX, u32::MAX)),
+        with(good, |it| it.height = HEIGHT + 1),
+        with(good, |it| it.stride = WIDTH - 1),
     ];
     lies.iter().for_each(|lie| send(&publisher, *lie, FRAME_BYTES));
     // A payload shorter than the header tells.
     send(&publisher, good, FRAME_BYTES - 1);
-    assert!(subscriber.next().unwrap().is_none());
+    assert!(subscriber.receive().unwrap().is_none());
     assert_eq!((subscriber.frames(), subscriber.rejected(), subscriber.epochs()), (0, 9, 0));
 
     send(&publisher, counted(0), FRAME_BYTES);

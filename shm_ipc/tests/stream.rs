@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use support::*;
-use uvcam_shm_ipc::{FrameHeader, LoanError, Publisher, Settings, monotonic_ns};
+use uvcam_shm_ipc::{FrameHeader, LoanError, PixelFormat, Publisher, Settings, monotonic_ns};
 
 #[test]
 fn every_frame_arrives_in_order_and_untouched() {
@@ -24,12 +24,14 @@ fn every_frame_arrives_in_order_and_untouched() {
         last_sent_ns = sent_ns;
         let FrameHeader { counting, produced, .. } = *frame.header();
         assert!(counting > 0 && produced == sequence + 1, "{counting}, {produced}");
-        let sent = FrameHeader { counting, produced, send_monotonic_ns: sent_ns, ..header(7, sequence) };
+        let sent = with(header(7, sequence), |it| {
+            (it.counting, it.produced, it.send_monotonic_ns) = (counting, produced, sent_ns);
+        });
         assert_eq!(*frame.header(), sent);
         assert_pixels(&frame);
         assert!(!frame.epoch_changed());
     }
-    assert!(subscriber.next().unwrap().is_none());
+    assert!(subscriber.receive().unwrap().is_none());
     let counts = (subscriber.frames(), subscriber.lost(), subscriber.epochs(), subscriber.rejected());
     assert_eq!(counts, (200, 0, 1, 0));
 }
@@ -57,18 +59,18 @@ fn latest_passes_over_older_frames_without_calling_them_lost() {
     let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
     (0..3).for_each(|sequence| _ = publish(&mut publisher, 7, sequence));
-    let frame = subscriber.latest().unwrap().unwrap();
+    let frame = subscriber.receive_latest().unwrap().unwrap();
     assert_eq!((frame.header().sequence, frame.lost_before()), (2, 0));
     assert_pixels(&frame);
     publish_after_loss(&mut publisher, 7, 3, 4);
     publish(&mut publisher, 7, 4);
-    let frame = subscriber.latest().unwrap().unwrap();
+    let frame = subscriber.receive_latest().unwrap().unwrap();
     assert_eq!(
         (frame.header().sequence, frame.lost_before()),
         (4, 4),
         "a loss among those passed over is told"
     );
-    assert!(subscriber.latest().unwrap().is_none());
+    assert!(subscriber.receive_latest().unwrap().is_none());
     assert_eq!((subscriber.frames(), subscriber.lost()), (5, 4));
 }
 
@@ -80,7 +82,7 @@ fn latest_works_with_all_but_one_frame_held() {
     publish(&mut publisher, 7, 0);
     let held = receive(&mut subscriber);
     (1..4).for_each(|sequence| _ = publish(&mut publisher, 7, sequence));
-    assert_eq!(subscriber.latest().unwrap().unwrap().header().sequence, 3);
+    assert_eq!(subscriber.receive_latest().unwrap().unwrap().header().sequence, 3);
     assert_pixels(&held);
 }
 
@@ -116,7 +118,7 @@ fn a_consumer_may_hold_as_many_frames_as_agreed() {
     (0..3).for_each(|sequence| _ = publish(&mut publisher, 7, sequence));
     let first = receive(&mut subscriber);
     let second = receive(&mut subscriber);
-    let error = subscriber.next().unwrap_err();
+    let error = subscriber.receive().unwrap_err();
     assert!(error.to_string().contains("drop one, or raise borrowed"), "{error}");
     drop(first);
     assert_eq!(receive(&mut subscriber).header().sequence, 2);
@@ -189,9 +191,36 @@ fn pixels_end_with_the_last_pixel() {
     let place = Place::new();
     let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
-    let narrow = FrameHeader { width: WIDTH - 10, ..header(7, 0) };
+    let narrow = with(header(7, 0), |it| it.width = WIDTH - 10);
     publisher.publish(publisher.loan().unwrap(), &narrow).unwrap();
     assert_eq!(receive(&mut subscriber).pixels().len(), FRAME_BYTES - 10);
+}
+
+#[test]
+fn rows_leave_out_what_lies_between_them() {
+    let place = Place::new();
+    let mut publisher = place.publisher();
+    let mut subscriber = place.subscriber();
+    let wide = PixelFormat::Mono16;
+    for (width, height, stride, format) in [
+        (WIDTH, HEIGHT, WIDTH, PixelFormat::Mono8),
+        (WIDTH - 10, HEIGHT, WIDTH, PixelFormat::Mono8),
+        (5, HEIGHT, 12, wide),
+        (1, 1, WIDTH, wide),
+    ] {
+        let mut slot = publisher.loan().unwrap();
+        slot.pixels_mut().iter_mut().enumerate().for_each(|(index, byte)| *byte = pixel(7, index));
+        publisher.publish(slot, &FrameHeader::new(width, height, stride, format)).unwrap();
+        let frame = receive(&mut subscriber);
+        let row_bytes = width as usize * format.bytes_per_pixel();
+        let rows =
+            (0..height as usize).map(|row| (0..row_bytes).map(move |x| pixel(7, row * stride as usize + x)));
+        assert_eq!(frame.rows().len(), height as usize);
+        assert!(
+            frame.rows().map(<[u8]>::to_vec).eq(rows.map(Iterator::collect::<Vec<_>>)),
+            "{width}x{height}"
+        );
+    }
 }
 
 #[test]
@@ -199,10 +228,10 @@ fn a_header_that_does_not_describe_its_frame_is_not_published() {
     let place = Place::new();
     let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
-    let larger = FrameHeader { height: HEIGHT + 1, ..header(7, 0) };
+    let larger = with(header(7, 0), |it| it.height = HEIGHT + 1);
     let error = publisher.publish(publisher.loan().unwrap(), &larger).unwrap_err();
     assert!(error.to_string().contains("576 bytes does not fit in a payload of 512 bytes"), "{error}");
-    assert!(subscriber.next().unwrap().is_none());
+    assert!(subscriber.receive().unwrap().is_none());
 }
 
 #[test]
@@ -233,22 +262,22 @@ fn settings_beyond_their_limits_are_refused() {
     };
     let good = &place.settings;
     assert!(
-        refusal(Settings { max_subscribers: 0, ..good.clone() }).contains("max_subscribers = 0: use 1 to 64")
+        refusal(with(good.clone(), |it| it.max_subscribers = 0)).contains("max_subscribers = 0: use 1 to 64")
     );
-    assert!(refusal(Settings { buffer: 257, ..good.clone() }).contains("buffer = 257: use 1 to 256"));
-    assert!(refusal(Settings { borrowed: 65, ..good.clone() }).contains("borrowed = 65: use 1 to 64"));
-    assert!(refusal(Settings { prefix: "a/b".into(), ..good.clone() }).contains("prefix = \"a/b\""));
+    assert!(refusal(with(good.clone(), |it| it.buffer = 257)).contains("buffer = 257: use 1 to 256"));
+    assert!(refusal(with(good.clone(), |it| it.borrowed = 65)).contains("borrowed = 65: use 1 to 64"));
+    assert!(refusal(with(good.clone(), |it| it.prefix = "a/b".into())).contains("prefix = \"a/b\""));
     assert!(
-        refusal(Settings { root_path: "ipc".into(), ..good.clone() })
+        refusal(with(good.clone(), |it| it.root_path = "ipc".into()))
             .contains("root_path = ipc: use an absolute path")
     );
     for path in ["/tmp/\u{17e}lu\u{165}", "/tmp/a*b"] {
-        let message = refusal(Settings { root_path: path.into(), ..good.clone() });
+        let message = refusal(with(good.clone(), |it| it.root_path = path.into()));
         let allowed = "use only ASCII letters, digits and signs other than < > \" | ? * in root_path";
         assert_eq!(message, format!("root_path = {path}: {allowed}"));
     }
     let longest = format!("/{}", "x".repeat(60 - good.prefix.len()));
-    let longest = Settings { root_path: longest.into(), ..good.clone() };
+    let longest = with(good.clone(), |it| it.root_path = longest.into());
     assert!(refusal(longest.clone()).contains("at most 60 bytes"));
     assert_eq!(longest.validate().unwrap_err().to_string(), refusal(longest));
     assert!(good.validate().is_ok() && !good.root_path.exists(), "nothing was made");

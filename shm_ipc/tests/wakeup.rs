@@ -7,14 +7,11 @@ mod support;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
-use iceoryx2::config::Config;
-use iceoryx2::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
 use support::child::{Role, publish_on_demand, role, say};
 use support::*;
-use uvcam_shm_ipc::{
-    FrameHeader, IpcError, Publisher, Settings, Subscriber, Wakeup, monotonic_ns, wake_service_name,
-};
+use uvcam_shm_ipc::iceoryx2::prelude::*;
+use uvcam_shm_ipc::{IpcErrorKind, Publisher, Subscriber, Wakeup, monotonic_ns, wake_service_name};
 
 const ALL: [Wakeup; 3] = [Wakeup::Futex, Wakeup::Predictive, Wakeup::Event];
 
@@ -37,7 +34,7 @@ fn child() {
 
 fn place_for_six() -> Place {
     let mut place = Place::new();
-    place.settings = Settings { max_subscribers: 6, ..place.settings.clone() };
+    place.settings = with(place.settings.clone(), |it| it.max_subscribers = 6);
     place
 }
 
@@ -50,7 +47,7 @@ fn subscriber(place: &Place, wakeup: Wakeup) -> Subscriber {
 /// Sends a frame whose header tells this period.
 fn publish_at_period(publisher: &mut Publisher, sequence: u64, frame_period_ns: u64) {
     let slot = publisher.loan().unwrap();
-    publisher.publish(slot, &FrameHeader { frame_period_ns, ..header(7, sequence) }).unwrap();
+    publisher.publish(slot, &with(header(7, sequence), |it| it.frame_period_ns = frame_period_ns)).unwrap();
 }
 
 /// Processor time that this thread has used.
@@ -194,9 +191,9 @@ fn who_holds_as_many_frames_as_it_may_is_told_so_and_loses_none() {
                     .collect();
                 assert_eq!(held.len(), place.settings.borrowed);
                 assert!(subscriber.wait(PATIENCE).unwrap());
-                assert!(matches!(subscriber.next(), Err(IpcError::TooManyHeld(_))), "{wakeup:?}");
+                assert_eq!(subscriber.receive().unwrap_err().kind(), IpcErrorKind::TooManyHeld, "{wakeup:?}");
                 held.pop();
-                let frame = subscriber.next().unwrap().unwrap();
+                let frame = subscriber.receive().unwrap().unwrap();
                 assert_eq!((frame.header().sequence, frame.lost_before()), (20, 0), "{wakeup:?}");
                 received.send(()).unwrap();
             });
@@ -236,9 +233,7 @@ fn a_wait_set_is_woken_by_the_event_of_the_camera() {
     let place = Place::new();
     let mut publisher = place.publisher();
     let mut subscriber = place.subscriber();
-    let mut config = Config::default();
-    config.global.prefix = FileName::new(place.settings.prefix.as_bytes()).unwrap();
-    config.global.set_root_path(&Path::new(place.settings.root_path.to_str().unwrap().as_bytes()).unwrap());
+    let config = place.settings.to_iceoryx2().unwrap();
     let node = NodeBuilder::new().config(&config).create::<ipc::Service>().unwrap();
     let name = ServiceName::new(&wake_service_name(CAMERA)).unwrap();
     let event = node.service_builder(&name).event().open().unwrap();

@@ -89,7 +89,7 @@ fn measure(stage: &Stage, row: &mut Row) {
 fn latencies(subscriber: &mut Subscriber) -> Vec<u64> {
     let mut ages_ns = Vec::with_capacity(FRAMES);
     while ages_ns.len() < FRAMES {
-        match subscriber.next().unwrap() {
+        match subscriber.receive().unwrap() {
             Some(frame) => ages_ns.push(monotonic_ns() - frame.header().arrival_monotonic_ns),
             None => assert!(subscriber.wait(PATIENCE).unwrap(), "no frame"),
         }

@@ -17,7 +17,7 @@ fn three_cameras_with_two_consumers_each_lose_nothing_and_do_not_grow() {
     let driver = stage.driver();
     for camera in cameras {
         let mut subscriber = stage.subscriber(camera);
-        wait_until("the camera streams", || subscriber.next().unwrap().is_some());
+        wait_until("the camera streams", || subscriber.receive().unwrap().is_some());
     }
 
     let run = Duration::from_secs(crate::seconds());

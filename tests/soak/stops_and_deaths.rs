@@ -28,7 +28,7 @@ fn consumers_that_stop_and_die_cost_the_others_nothing() {
     let driver = stage.driver();
     for camera in CAMERAS {
         let mut subscriber = stage.subscriber(camera);
-        wait_until("the camera streams", || subscriber.next().unwrap().is_some());
+        wait_until("the camera streams", || subscriber.receive().unwrap().is_some());
     }
 
     let start = Instant::now();

@@ -154,7 +154,7 @@ pub fn simulated(name: &str, mask: &str, source: &str) -> String {
 pub fn next_frame(subscriber: &mut Subscriber) -> Frame {
     let start = Instant::now();
     loop {
-        if let Some(frame) = subscriber.next().unwrap() {
+        if let Some(frame) = subscriber.receive().unwrap() {
             return frame;
         }
         subscriber.wait(Duration::from_millis(100)).unwrap();

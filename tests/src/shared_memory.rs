@@ -28,7 +28,7 @@ impl SharedMemory {
     /// The same, for another process that knows the folder.
     pub fn settings_in(folder: &Path) -> Settings {
         let unique: String = folder.to_string_lossy().chars().filter(char::is_ascii_alphanumeric).collect();
-        Settings { prefix: format!("{unique}_"), root_path: folder.into(), ..Settings::default() }
+        Settings::new(format!("{unique}_"), folder)
     }
 
     /// A publisher in it.

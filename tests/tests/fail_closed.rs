@@ -16,7 +16,7 @@ fn refused(write: impl FnOnce(&std::path::Path), expected: &str) {
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(3), "{said}");
     assert!(said.contains("left: publishes nothing") && said.contains(expected), "{said}");
-    assert!(!subscriber.wait(Duration::from_millis(1)).unwrap() && subscriber.next().unwrap().is_none());
+    assert!(!subscriber.wait(Duration::from_millis(1)).unwrap() && subscriber.receive().unwrap().is_none());
 }
 
 #[test]

@@ -22,14 +22,14 @@ fn with_faults(faults: &str, frames: u64) -> Seen {
     let driver = stage.driver();
     let (mut gaps_s, mut last_arrival_ns) = (Vec::new(), 0);
     wait_until("the faulty camera's frames are there", || {
-        while let Some(frame) = left.next().unwrap() {
+        while let Some(frame) = left.receive().unwrap() {
             let arrival_ns = frame.header().arrival_monotonic_ns;
             if frame.epoch_changed() {
                 gaps_s.push((arrival_ns - last_arrival_ns) as f64 * 1e-9);
             }
             last_arrival_ns = arrival_ns;
         }
-        while right.next().unwrap().is_some() {}
+        while right.receive().unwrap().is_some() {}
         left.frames() >= frames
     });
     assert_eq!((right.lost(), right.epochs()), (0, 1), "the sibling of a faulty camera");

@@ -81,8 +81,8 @@ fn a_running_driver_generates_between_two_epochs_and_flies_the_accepted_mask() {
     let output = Process::start(&mut stage.uvcam(&["generate", "left", "--replace", "--json"]));
     let mut seen = Vec::new();
     wait_until("a second epoch", || {
-        while right.next().unwrap().is_some() {}
-        while let Some(frame) = left.next().unwrap() {
+        while right.receive().unwrap().is_some() {}
+        while let Some(frame) = left.receive().unwrap() {
             seen.push((frame.header().mask_id, frame.header().exposure_us));
         }
         left.epochs() == 2
@@ -181,7 +181,7 @@ fn an_exposure_that_the_camera_refuses_leaves_the_flight_as_it_was() {
     let output = stage.output(&["generate", "left", "--gain-db", "70"]);
     assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
     assert!(stderr(&output).contains("gain_db = 70 refused"), "{}", stderr(&output));
-    wait_until("it streams again", || left.next().unwrap().is_some() && left.epochs() == 2);
+    wait_until("it streams again", || left.receive().unwrap().is_some() && left.epochs() == 2);
     let frame = next_frame(&mut left);
     assert_eq!((frame.header().mask_id, frame.header().exposure_us), (mask.id().0, 1000.0));
     assert!(driver.stop().status.success());
@@ -239,7 +239,9 @@ fn a_mask_that_is_being_generated_is_waited_for_and_a_signal_ends_the_command_th
 fn answer(stage: &Stage, question: &str) -> (u64, String) {
     let client = ControlClient::open(&stage.settings(), "left").unwrap().unwrap();
     let replies = client.request(question).unwrap();
-    let NextReply::Text(text) = replies.next(std::time::Duration::from_secs(20)) else { panic!("no answer") };
+    let NextReply::Text(text) = replies.receive(std::time::Duration::from_secs(20)) else {
+        panic!("no answer")
+    };
     let answer: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(answer["answer"], "failed", "{answer}");
     (answer["exit"].as_u64().unwrap(), answer["cause"].as_str().unwrap().into())
@@ -272,7 +274,7 @@ fn questions_that_no_command_asks_are_answered_with_what_is_wrong() {
         let (exit, cause) = answer(&stage, &question);
         assert!(exit == 2 && cause.contains(expected), "{exit}: {cause}");
     }
-    wait_until("it streams", || left.next().unwrap().is_some());
+    wait_until("it streams", || left.receive().unwrap().is_some());
     assert_eq!(left.epochs(), 1, "nothing was begun");
     assert!(driver.stop().status.success());
 }
@@ -287,7 +289,7 @@ fn an_order_whose_command_was_killed_stores_nothing_and_the_flight_goes_on() {
     Process::start(&mut stage.uvcam(&["generate", "left", "--replace", "--accept"])).kill();
     let frames = left.frames();
     wait_until("it streams", || {
-        while left.next().unwrap().is_some() {}
+        while left.receive().unwrap().is_some() {}
         left.frames() >= frames + 60
     });
     assert!(driver.stop().status.success());
@@ -302,12 +304,12 @@ fn a_driver_killed_while_it_generates_flies_the_flight_settings_at_its_next_star
     for kill_after in 0..8 {
         let driver = stage.driver();
         let epochs = left.epochs();
-        wait_until("it streams", || left.next().unwrap().is_some() && left.epochs() > epochs);
+        wait_until("it streams", || left.receive().unwrap().is_some() && left.epochs() > epochs);
         let generate = Process::start(&mut stage.uvcam(&["generate", "left", "--replace"]));
         // Some time later the driver is somewhere else in the flow each time.
         for _ in 0..kill_after {
             left.wait(std::time::Duration::from_millis(400)).unwrap();
-            while left.next().unwrap().is_some() {}
+            while left.receive().unwrap().is_some() {}
         }
         driver.kill();
         drop(generate);
@@ -318,7 +320,7 @@ fn a_driver_killed_while_it_generates_flies_the_flight_settings_at_its_next_star
     }
     let _driver = stage.driver();
     let epochs = left.epochs();
-    wait_until("it streams", || left.next().unwrap().is_some() && left.epochs() > epochs);
+    wait_until("it streams", || left.receive().unwrap().is_some() && left.epochs() > epochs);
     assert_eq!(next_frame(&mut left).header().exposure_us, 1000.0);
 }
 
@@ -380,7 +382,7 @@ fn a_gige_vision_camera_generates_its_mask() {
         // The device's picture is a moving ramp, without an airframe.
         let output = stage.output(&["generate", "left", "--method", "paper", "--json"]);
         assert!(output.status.success(), "{}", stderr(&output));
-        wait_until("it streams again", || left.next().unwrap().is_some() && left.epochs() == 2);
+        wait_until("it streams again", || left.receive().unwrap().is_some() && left.epochs() == 2);
         let frame = next_frame(&mut left);
         assert_eq!((frame.header().mask_id, frame.header().exposure_us), (old.id().0, 10_000.0));
         let texts = file::read_texts(&stage.file("left.candidate.png")).unwrap();

@@ -102,7 +102,7 @@ impl Seen {
         let mut span = None;
         loop {
             let is_over = self.is_over.load(Ordering::Relaxed);
-            while let Some(frame) = subscriber.next().unwrap() {
+            while let Some(frame) = subscriber.receive().unwrap() {
                 let produced = frame.header().produced;
                 span = Some((span.map_or(produced, |(first, _)| first), produced));
                 self.epochs.store(subscriber.epochs(), Ordering::Relaxed);
@@ -216,7 +216,7 @@ fn a_process_whose_camera_s_library_is_stuck_is_killed_and_the_camera_flies_agai
     let siblings = ["right", "back"].map(|camera| stage.watch(&[camera]));
     let mut victim = stage.subscriber(VICTIM);
     let driver = stage.driver();
-    wait_until("its return", || victim.next().unwrap().is_some() && victim.epochs() == 2);
+    wait_until("its return", || victim.receive().unwrap().is_some() && victim.epochs() == 2);
     for sibling in siblings {
         sibling.signal(Signal::INT);
         let report = sibling.json();
@@ -241,7 +241,7 @@ fn nothing_outlives_a_driver_that_is_killed_and_the_next_one_flies() {
     signal(processes[1], Signal::STOP);
     driver.kill();
     wait_until("the end of all processes", || !processes.iter().any(|id| lives(*id)));
-    while victim.next().unwrap().is_some() {}
+    while victim.receive().unwrap().is_some() {}
 
     let driver = stage.driver();
     for camera in CAMERAS {

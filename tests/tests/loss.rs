@@ -121,7 +121,7 @@ impl Consumer {
     /// Reads what is unread, so many frames at the most.
     fn read(&mut self, frames: u64, mut look_at: impl FnMut(&FrameHeader)) {
         for _ in 0..frames {
-            let Some(frame) = self.subscriber.next().unwrap() else { return };
+            let Some(frame) = self.subscriber.receive().unwrap() else { return };
             let produced = frame.header().produced;
             self.span = Some((self.span.map_or(produced, |(first, _)| first), produced));
             look_at(frame.header());

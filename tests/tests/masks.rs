@@ -120,13 +120,13 @@ fn no_file_in_place_of_a_mask_costs_a_frame_and_a_good_one_flies_again() {
         driver.signal(Signal::HUP);
         for _ in 0..60 {
             assert_eq!(next_frame(&mut left).header().mask_id, flies, "what was in force stays");
-            while right.next().unwrap().is_some() {}
+            while right.receive().unwrap().is_some() {}
         }
         std::fs::remove_file(stage.file("left.png")).unwrap();
         let good = stage.write_mask("left.png", (752, 480), rows);
         driver.signal(Signal::HUP);
         wait_until("the good mask flies", || {
-            while right.next().unwrap().is_some() {}
+            while right.receive().unwrap().is_some() {}
             next_frame(&mut left).header().mask_id == good.id().0
         });
     }

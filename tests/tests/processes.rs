@@ -39,7 +39,7 @@ fn a_consumer_carries_on_after_the_driver_was_killed_and_started_again() {
     let driver = stage.driver();
     let first = next_frame(&mut subscriber).header().epoch;
     driver.kill();
-    while subscriber.next().unwrap().is_some() {}
+    while subscriber.receive().unwrap().is_some() {}
 
     let restarted = Instant::now();
     let _driver = stage.driver();

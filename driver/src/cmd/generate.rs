@@ -114,7 +114,7 @@ fn ask_driver(
     let mut heard = Instant::now();
     let bar = report::Bar::new(&camera.name);
     while !stop.load(Ordering::Relaxed) {
-        match replies.next(GLANCE) {
+        match replies.receive(GLANCE) {
             NextReply::Text(text) => match serde_json::from_str(&text) {
                 Ok(Reply::Collecting { progress }) => {
                     heard = Instant::now();

@@ -59,7 +59,7 @@ fn watch(
     // Relaxed: the flag carries no data, and is seen within one `PATIENCE`.
     while !stop.load(Ordering::Relaxed) {
         subscriber.wait(PATIENCE)?;
-        while let Some(frame) = subscriber.next()? {
+        while let Some(frame) = subscriber.receive()? {
             let received_ns = monotonic_ns();
             silence.broken();
             tally.add(frame.header(), received_ns, masked_nonzero(mask, &frame)?);

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, Deserializer};
-use uvcam_shm_ipc::{IpcError, PixelFormat};
+use uvcam_shm_ipc::{PixelFormat, SettingError};
 
 use super::error::{Text, shortened};
 use super::generate::GenerateTable;
@@ -226,25 +226,19 @@ impl Reader<'_> {
             value.map_or(default, |value| usize::try_from(value.into_inner()).unwrap_or(usize::MAX))
         };
         let root_path = table.root_path.map(|path| self.path("root_path", path, "an absolute path"));
-        let settings = uvcam_shm_ipc::Settings {
-            prefix: table.prefix.map_or(default.prefix, Spanned::into_inner),
-            root_path: root_path.transpose()?.map_or(default.root_path, PathBuf::from),
-            max_subscribers: number(table.max_subscribers, default.max_subscribers),
-            buffer: number(table.buffer, default.buffer),
-            borrowed: number(table.borrowed, default.borrowed),
-        };
-        match settings.validate() {
-            Ok(()) => {}
-            Err(IpcError::Setting { key, found, allowed }) => {
-                // Two keys can be too much together where only one of them is written.
-                let place = places.iter().find(|(name, place)| *name == key && place.is_some());
-                let place = place.or_else(|| places.iter().find(|(_, place)| place.is_some()));
-                let span = place.and_then(|(_, place)| place.clone()).unwrap_or_default();
-                return Err(self.0.refuse(span, key, found, allowed));
-            }
-            Err(error) => {
-                return Err(self.0.refuse(0..0, "ipc", error.to_string(), "what can be an address"));
-            }
+        let mut settings = uvcam_shm_ipc::Settings::new(
+            table.prefix.map_or(default.prefix, Spanned::into_inner),
+            root_path.transpose()?.map_or(default.root_path, PathBuf::from),
+        );
+        settings.max_subscribers = number(table.max_subscribers, default.max_subscribers);
+        settings.buffer = number(table.buffer, default.buffer);
+        settings.borrowed = number(table.borrowed, default.borrowed);
+        if let Err(SettingError { key, found, allowed, .. }) = settings.validate() {
+            // Two keys can be too much together where only one of them is written.
+            let place = places.iter().find(|(name, place)| *name == key && place.is_some());
+            let place = place.or_else(|| places.iter().find(|(_, place)| place.is_some()));
+            let span = place.and_then(|(_, place)| place.clone()).unwrap_or_default();
+            return Err(self.0.refuse(span, key, found, allowed));
         }
         let slots = table.slots.map(|slots| self.whole("slots", slots, "2 to 64", 2..=64));
         Ok(Ipc { settings, slots: slots.transpose()?.unwrap_or(6) })

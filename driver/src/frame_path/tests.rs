@@ -25,7 +25,7 @@ impl Place {
     pub(crate) fn new() -> Self {
         let folder = tempfile::Builder::new().prefix("path").tempdir_in("/tmp").unwrap();
         let prefix = folder.path().file_name().unwrap().to_str().unwrap().replace('.', "");
-        let settings = Settings { prefix, root_path: folder.path().into(), ..Settings::default() };
+        let settings = Settings::new(prefix, folder.path());
         Place { settings, _folder: folder }
     }
 }

@@ -352,7 +352,8 @@ mod tests {
     #[test]
     fn a_service_manager_hears_of_each_state_in_a_few_words() {
         let record = |state: State, error: &str| {
-            let mut record = Health { state: state as u32, lost: 7, ..Health::new() };
+            let mut record = Health::new();
+            (record.state, record.lost) = (state as u32, 7);
             record.set_last_error(error);
             describe("left", &record)
         };
@@ -360,10 +361,9 @@ mod tests {
         assert_eq!(record(State::Refused, "mask refused"), "left refused: mask refused");
         assert_eq!(record(State::Reconnecting, "gone"), "left reconnecting: gone");
         assert_eq!(record(State::Generating, ""), "left generating");
-        assert_eq!(
-            describe("left", &Health { state: 99, ..Health::new() }),
-            "left state 99 is none of 1 to 6"
-        );
+        let mut unknown = Health::new();
+        unknown.state = 99;
+        assert_eq!(describe("left", &unknown), "left state 99 is none of 1 to 6");
         assert_eq!(CameraProcess::new("left").condition().words, "left starting");
         assert_eq!(ended(11).condition().words, "left ended (signal: 11 (SIGSEGV))");
     }

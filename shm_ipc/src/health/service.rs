@@ -11,7 +11,7 @@ use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe;
 
 use super::Health;
-use crate::error::IpcError;
+use crate::error::{Fault, IpcError};
 use crate::footing::Footing;
 use crate::header::CONTRACT_VERSION;
 use crate::premises;
@@ -47,7 +47,7 @@ impl HealthPublisher {
     /// to go.
     ///
     /// # Errors
-    /// [`IpcError::AlreadyPublishing`] where another driver tells of this camera, and those of
+    /// [`IpcErrorKind::AlreadyPublishing`](crate::IpcErrorKind::AlreadyPublishing) where another driver tells of this camera, and those of
     /// [`Publisher::create`](crate::Publisher::create).
     pub fn create(settings: &Settings, camera: &str) -> Result<HealthPublisher, IpcError> {
         patiently(|| HealthPublisher::create_at_once(settings, camera))
@@ -79,7 +79,7 @@ impl HealthPublisher {
                 service.publisher_builder().backpressure_strategy(BackpressureStrategy::DiscardData);
             let publisher = publisher.create().map_err(|source| match source {
                 PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                    IpcError::AlreadyPublishing(camera.to_owned())
+                    Fault::AlreadyPublishing(camera.to_owned()).into()
                 }
                 _ => address.failed("creating the publisher of", name.as_str(), source),
             })?;
@@ -98,7 +98,7 @@ impl HealthPublisher {
     /// Puts a record in the place of the one before. Never waits.
     ///
     /// # Errors
-    /// [`IpcError::System`] where iceoryx2 fails.
+    /// [`IpcErrorKind::System`](crate::IpcErrorKind::System) where iceoryx2 fails.
     pub fn publish(&self, health: &Health) -> Result<(), IpcError> {
         let Served { port, service, address, .. } = &self.0;
         let name = service.name();
@@ -114,7 +114,7 @@ impl HealthPublisher {
     /// Gives the newest record to readers that have come since. To be called a few times a second.
     ///
     /// # Errors
-    /// [`IpcError::System`] where iceoryx2 fails.
+    /// [`IpcErrorKind::System`](crate::IpcErrorKind::System) where iceoryx2 fails.
     pub fn serve_newcomers(&self) -> Result<(), IpcError> {
         let Served { port, service, address, .. } = &self.0;
         port.update_connections()
@@ -137,7 +137,7 @@ impl HealthReader {
             }
             let subscriber = service.subscriber_builder().create().map_err(|source| match source {
                 SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
-                    IpcError::TooManyConsumers(name.as_str().to_owned())
+                    Fault::TooManyConsumers(name.as_str().to_owned()).into()
                 }
                 _ => address.failed("subscribing to", name.as_str(), source),
             })?;
@@ -149,7 +149,7 @@ impl HealthReader {
     /// The newest record that has not been read, or `None` where there is none. Never waits.
     ///
     /// # Errors
-    /// [`IpcError::System`] where iceoryx2 fails.
+    /// [`IpcErrorKind::System`](crate::IpcErrorKind::System) where iceoryx2 fails.
     pub fn newest(&mut self) -> Result<Option<Health>, IpcError> {
         loop {
             let Visited { port, address, .. } = &self.end;

@@ -11,7 +11,7 @@ use iceoryx2::sample::Sample;
 
 use super::RETRY;
 use crate::clock::{monotonic_ns, until};
-use crate::error::IpcError;
+use crate::error::{Fault, IpcError};
 use crate::footing::Held;
 use crate::frame_service::{self, FrameService, WakeService, wake_service_name};
 use crate::header::FrameHeader;
@@ -62,7 +62,7 @@ impl Link {
                 }))
             }
             Err(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
-                Err(IpcError::TooManyConsumers(frames.name().as_str().to_owned()))
+                Err(Fault::TooManyConsumers(frames.name().as_str().to_owned()).into())
             }
             Err(source) => Err(address.failed("subscribing to", frames.name().as_str(), source)),
         }
@@ -127,7 +127,7 @@ impl Link {
             premises::check_room(0)?;
             let listener = wake.listener_builder().create().map_err(|source| match source {
                 ListenerCreateError::ExceedsMaxSupportedListeners => {
-                    IpcError::TooManyConsumers(wake.name().as_str().to_owned())
+                    Fault::TooManyConsumers(wake.name().as_str().to_owned()).into()
                 }
                 _ => address.failed("listening to", wake.name().as_str(), source),
             })?;

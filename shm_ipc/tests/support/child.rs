@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 
-use super::{CAMERA, FRAME_BYTES, LOANS, PATIENCE};
+use super::{CAMERA, FRAME_BYTES, LOANS, PATIENCE, with};
 use uvcam_shm_ipc::Settings;
 
 const ROLE: &str = "UVCAM_TEST_ROLE";
@@ -26,7 +26,7 @@ impl Role {
     }
 
     pub fn start_in(role: &str, settings: &Settings, folder: &Path) -> Self {
-        let Settings { prefix, root_path, max_subscribers, buffer, borrowed } = settings;
+        let Settings { prefix, root_path, max_subscribers, buffer, borrowed, .. } = settings;
         let mut child = Command::new(std::env::current_exe().unwrap())
             .args(["--exact", "child", "--ignored", "--nocapture"])
             .env(ROLE, role)
@@ -90,13 +90,9 @@ pub fn role() -> (String, Settings) {
     let settings = std::env::var(SETTINGS).unwrap();
     let fields: Vec<_> = settings.split('|').collect();
     let number = |index: usize| fields[index].parse().unwrap();
-    let settings = Settings {
-        prefix: fields[0].to_owned(),
-        root_path: fields[1].into(),
-        max_subscribers: number(2),
-        buffer: number(3),
-        borrowed: number(4),
-    };
+    let settings = with(Settings::new(fields[0], fields[1]), |it| {
+        (it.max_subscribers, it.buffer, it.borrowed) = (number(2), number(3), number(4));
+    });
     (role, settings)
 }
 

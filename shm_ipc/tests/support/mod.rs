@@ -31,13 +31,10 @@ impl Place {
     pub fn new() -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let folder = tempfile::tempdir().unwrap();
-        let settings = Settings {
-            prefix: format!("test{}_{}_", process::id(), COUNT.fetch_add(1, Ordering::Relaxed)),
-            root_path: folder.path().join("ipc"),
-            max_subscribers: 2,
-            buffer: 4,
-            borrowed: 2,
-        };
+        let prefix = format!("test{}_{}_", process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+        let settings = with(Settings::new(prefix, folder.path().join("ipc")), |it| {
+            (it.max_subscribers, it.buffer, it.borrowed) = (2, 4, 2);
+        });
         Place { settings, folder }
     }
 
@@ -69,6 +66,12 @@ impl Drop for Place {
             let _ = std::fs::remove_file(format!("/dev/shm/{name}"));
         }
     }
+}
+
+/// A value with something changed.
+pub fn with<T>(mut value: T, change: impl FnOnce(&mut T)) -> T {
+    change(&mut value);
+    value
 }
 
 pub fn header(epoch: u64, sequence: u64) -> FrameHeader {
@@ -113,12 +116,12 @@ pub fn meet(publisher: &Publisher, subscriber: &mut Subscriber) {
 /// Waits for a frame.
 pub fn receive(subscriber: &mut Subscriber) -> Frame {
     assert!(subscriber.wait(PATIENCE).unwrap(), "no frame came");
-    subscriber.next().unwrap().unwrap()
+    subscriber.receive().unwrap().unwrap()
 }
 
 /// Every unread frame.
 pub fn drain(subscriber: &mut Subscriber) -> Vec<(u64, u64)> {
-    std::iter::from_fn(|| subscriber.next().unwrap())
+    std::iter::from_fn(|| subscriber.receive().unwrap())
         .map(|frame| (frame.header().sequence, frame.lost_before()))
         .collect()
 }

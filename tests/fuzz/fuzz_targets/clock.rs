@@ -91,12 +91,9 @@ impl Place {
     fn next(&mut self, clock: &mut FrameClock, device_ns: Option<u64>, arrival_ns: u64) {
         // The host's clock does not go back.
         self.arrival_ns = self.arrival_ns.max(arrival_ns);
-        let mut header = FrameHeader {
-            exposure_us: 1000.0,
-            frame_period_ns: 16_666_667,
-            arrival_monotonic_ns: self.arrival_ns,
-            ..FrameHeader::new(64, 48, 64, PixelFormat::Mono8)
-        };
+        let mut header = FrameHeader::new(64, 48, 64, PixelFormat::Mono8);
+        (header.exposure_us, header.frame_period_ns) = (1000.0, 16_666_667);
+        header.arrival_monotonic_ns = self.arrival_ns;
         clock.stamp(&mut header, device_ns);
         clock.learn();
         assert!(header.mid_exposure_uncertainty_ns >= header.frame_period_ns);

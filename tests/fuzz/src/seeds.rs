@@ -176,13 +176,9 @@ fn records(folder: &Path) {
     for format in PixelFormat::ALL {
         for sequence in 0..3 {
             let stride = 64 * format.bytes_per_pixel() as u32;
-            let header = FrameHeader {
-                epoch: 7,
-                sequence,
-                frame_period_ns: 16_666_667,
-                send_monotonic_ns: sequence * 16_666_667,
-                ..FrameHeader::new(64, 48, stride, format)
-            };
+            let mut header = FrameHeader::new(64, 48, stride, format);
+            (header.epoch, header.sequence, header.frame_period_ns) = (7, sequence, 16_666_667);
+            header.send_monotonic_ns = sequence * header.frame_period_ns;
             assert!(header.validate(stride as usize * 48).is_ok());
             several.extend([bytes_of(&header), bytes_of(&(stride as usize * 48))].concat());
         }

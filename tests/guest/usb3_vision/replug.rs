@@ -77,7 +77,7 @@ fn two_hundred_replugs_leave_nothing_behind() {
     for cycle in 1..=CYCLES {
         let device = plug("U3V1");
         wait_until("a frame of the new epoch", || {
-            subscriber.next().unwrap().is_some() && subscriber.epochs() == cycle as u64
+            subscriber.receive().unwrap().is_some() && subscriber.epochs() == cycle as u64
         });
         if cycle.is_multiple_of(STEP) {
             seen.push(holdings(&driver));

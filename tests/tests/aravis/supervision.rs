@@ -94,7 +94,7 @@ fn another_camera_at_the_address_is_not_flown_and_itself_is() {
         // Nothing of the other one goes out, however often it is looked at.
         let tries = refused.failures + 2;
         health_where("further looks", &mut health, |health| health.failures >= tries);
-        while left.next().unwrap().is_some() {}
+        while left.receive().unwrap().is_some() {}
         assert_eq!(left.epochs(), 1, "a frame of the other camera");
         drop(program);
         let _program = gige_vision::Camera::start("GV7", 0);

@@ -117,7 +117,7 @@ mod tests {
         camera.set_float("AcquisitionFrameRate", 500.0).unwrap();
         let root = tempfile::Builder::new().prefix("uv").tempdir_in("/tmp").unwrap();
         let prefix = root.path().file_name().unwrap().to_str().unwrap().replace('.', "");
-        let settings = Settings { prefix, root_path: root.path().to_owned(), ..Settings::default() };
+        let settings = Settings::new(prefix, root.path());
         let publisher = Publisher::create(&settings, "camera", 64 * 48, SLOTS).unwrap();
 
         let mut slots = SlotStream::default();

@@ -42,7 +42,7 @@ pub(super) fn change(
 fn reload(driver: &ControlClient) -> Result<(), Error> {
     // A value without fields always has a JSON form.
     let replies = driver.request(&serde_json::to_string(&Request::ReloadMask).unwrap_or_default())?;
-    let cause = match replies.next(PATIENCE) {
+    let cause = match replies.receive(PATIENCE) {
         NextReply::Text(text) => match serde_json::from_str(&text) {
             Ok(Reply::Done) => return Ok(()),
             Ok(Reply::Failed { exit, cause }) => return Err(Error::Driver { exit, cause }),

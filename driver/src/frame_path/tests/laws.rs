@@ -76,7 +76,7 @@ fn from_complete_to_sent_no_allocation() {
             sent.unwrap();
             // The first frame connects the consumers that came since the last one.
             assert!(frame == 0 || allocated.count_total == 0, "frame {frame}: {allocated:?}");
-            assert_eq!(reader.next().unwrap().unwrap().header().sequence, frame);
+            assert_eq!(reader.receive().unwrap().unwrap().header().sequence, frame);
         }
     });
     assert_eq!((reader.lost(), scene.counters.lost.into_inner()), (0, 0));
@@ -108,7 +108,7 @@ fn from_complete_to_sent_no_copy_of_pixels() {
             let written = place_in_file(capture.slot.address());
             assert!(written.0.starts_with("/dev/shm/"), "{written:?}");
             path.publish(capture).unwrap();
-            let frame = reader.next().unwrap().unwrap();
+            let frame = reader.receive().unwrap().unwrap();
             assert_eq!(place_in_file(frame.pixels().as_ptr() as usize), written);
         }
     });
@@ -167,7 +167,7 @@ fn from_complete_to_sent_no_wait_for_a_consumer() {
             let capture = complete(path);
             path.publish(capture).unwrap();
             // Until it holds all that it may.
-            held.extend(holds.next().ok().flatten());
+            held.extend(holds.receive().ok().flatten());
         }
     });
     assert!(!held.is_empty());
@@ -183,7 +183,7 @@ fn a_frame_that_is_not_whole_is_never_sent() {
     let end = scene.walk(|path| path.run(&AtomicBool::new(false), || ()).map(drop)).unwrap_err();
     assert!(end.to_string().contains("disconnected"), "{end}");
     let mut seen = Vec::new();
-    while let Some(frame) = reader.next().unwrap() {
+    while let Some(frame) = reader.receive().unwrap() {
         seen.push(frame.header().device_frame_id);
     }
     let buffered = scene.place.settings.buffer.min(20);
@@ -202,7 +202,7 @@ fn a_frame_that_is_not_masked_as_configured_is_never_sent() {
         for _ in 0..30 {
             let capture = complete(path);
             path.publish(capture).unwrap();
-            let frame = reader.next().unwrap().unwrap();
+            let frame = reader.receive().unwrap().unwrap();
             let image = ImageView::new(frame.pixels(), WIDTH, HEIGHT, WIDTH as usize, 1).unwrap();
             assert_eq!(mask.masked_nonzero(&image).unwrap(), 0);
             let kept = frame.pixels().iter().filter(|pixel| **pixel == 255).count() as u64;
@@ -215,6 +215,6 @@ fn a_frame_that_is_not_masked_as_configured_is_never_sent() {
     let mut reader = scene.subscriber();
     let error = scene.walk(|path| path.run(&AtomicBool::new(false), || ()).map(drop)).unwrap_err();
     assert!(error.to_string().contains("480x752"), "{error}");
-    assert!(reader.next().unwrap().is_none());
+    assert!(reader.receive().unwrap().is_none());
     assert_eq!((scene.counters.published.into_inner(), scene.counters.lost.into_inner()), (0, 1));
 }

@@ -98,7 +98,7 @@ struct Consumer {
 
 impl Consumer {
     fn read(&mut self) -> Option<Frame> {
-        let frame = self.subscriber.next().unwrap()?;
+        let frame = self.subscriber.receive().unwrap()?;
         let produced = frame.header().produced;
         self.span = Some((self.span.map_or(produced, |(first, _)| first), produced));
         Some(frame)

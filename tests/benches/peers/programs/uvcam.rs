@@ -55,7 +55,7 @@ fn ask(subscribers: &mut [Subscriber], window: &Window) {
 }
 
 fn receive(subscriber: &mut Subscriber, camera: usize, window: &Window) {
-    while let Some(frame) = subscriber.next().unwrap() {
+    while let Some(frame) = subscriber.receive().unwrap() {
         let masked_ns = monotonic_ns();
         let header = frame.header();
         let stamps = Stamps {
