@@ -3,62 +3,62 @@
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
-use uvcam_shm_ipc::IpcError;
+use uvcam_shm_ipc::{IpcError, IpcErrorKind};
 
 /// An error of the Rust crate.
 pub(crate) fn told(py: Python<'_>, error: &IpcError) -> PyErr {
-    let mut text = error.to_string();
-    if matches!(error, IpcError::TooManyHeld(_)) {
-        text += ". A frame is held as long as itself, its array or any view of that lives: del them, or keep array.copy()";
-    }
-    new(py, kind(error), &text)
+    // Rust's remedy speaks of frames; here arrays hold them.
+    const DROP: &str = "del frames, their arrays and all views of these, keep array.copy() instead, or raise borrowed of the driver";
+    let remedy = match error.kind() {
+        IpcErrorKind::TooManyHeld => Some(DROP.to_owned()),
+        _ => error.remedy(),
+    };
+    new(py, kind(error.kind()), &error.message(), remedy.as_deref())
 }
 
 /// A subscriber that was closed.
 pub(crate) fn closed(py: Python<'_>, camera: &str) -> PyErr {
-    new(py, "closed", &format!("subscriber of camera \"{camera}\" is closed: open another one"))
+    new(py, "closed", &format!("subscriber of camera \"{camera}\" is closed"), Some("open another one"))
 }
 
-/// A subscriber that another thread waits with.
+/// A subscriber that another thread uses.
 pub(crate) fn in_use(py: Python<'_>, camera: &str) -> PyErr {
-    let text = format!(
-        "subscriber of camera \"{camera}\" waits in another thread: open a subscriber for each thread, or wait for the other one"
-    );
-    new(py, "in_use", &text)
+    let text = format!("subscriber of camera \"{camera}\" is waiting in another thread");
+    new(py, "in_use", &text, Some("open a subscriber for each thread"))
 }
 
 /// An object of the process `owner`, which this one was forked from.
 pub(crate) fn forked(py: Python<'_>, owner: u32) -> PyErr {
-    let text = format!(
-        "it belongs to process {owner}, and this is process {}, forked from it: open a subscriber here (with multiprocessing, in the function that the process runs)",
-        std::process::id()
-    );
-    new(py, "forked", &text)
+    let here = std::process::id();
+    let text = format!("what process {owner} opened cannot be used in {here}, which was forked from it");
+    new(py, "forked", &text, Some("open a subscriber in each process, after the fork"))
 }
 
-fn new(py: Python<'_>, kind: &str, text: &str) -> PyErr {
+fn new(py: Python<'_>, kind: &str, message: &str, remedy: Option<&str>) -> PyErr {
     static ERROR: PyOnceLock<Py<PyType>> = PyOnceLock::new();
-    let error = ERROR.import(py, "uvcam.error", "Error").and_then(|class| class.call1((kind, text)));
+    let error =
+        ERROR.import(py, "uvcam.error", "Error").and_then(|class| class.call1((kind, message, remedy)));
     error.map_or_else(|failure| failure, PyErr::from_value)
 }
 
-fn kind(error: &IpcError) -> &'static str {
-    match error {
-        IpcError::CameraName(_) => "camera_name",
-        IpcError::Setting { .. } => "setting",
-        IpcError::SharedMemoryFull { .. } => "shared_memory_full",
-        IpcError::NotMapped { .. } => "not_mapped",
-        IpcError::AlreadyPublishing(_) => "already_publishing",
-        IpcError::Incompatible { .. } => "incompatible",
-        IpcError::TooManyConsumers(_) => "too_many_consumers",
-        IpcError::TooManyHeld(_) => "too_many_held",
-        IpcError::Permission { .. } => "permission",
-        IpcError::Foreign { .. } => "foreign",
-        IpcError::Unwritable { .. } => "unwritable",
-        IpcError::NoRoom { .. } => "no_room",
-        IpcError::TooFewFiles { .. } => "too_few_files",
-        IpcError::AddressSpace { .. } => "address_space",
-        IpcError::Header(_) => "header",
-        IpcError::System { .. } => "system",
+fn kind(kind: IpcErrorKind) -> &'static str {
+    match kind {
+        IpcErrorKind::CameraName => "camera_name",
+        IpcErrorKind::Setting => "setting",
+        IpcErrorKind::SharedMemoryFull => "shared_memory_full",
+        IpcErrorKind::NotMapped => "not_mapped",
+        IpcErrorKind::AlreadyPublishing => "already_publishing",
+        IpcErrorKind::Incompatible => "incompatible",
+        IpcErrorKind::TooManyConsumers => "too_many_consumers",
+        IpcErrorKind::TooManyHeld => "too_many_held",
+        IpcErrorKind::Permission => "permission",
+        IpcErrorKind::Foreign => "foreign",
+        IpcErrorKind::Unwritable => "unwritable",
+        IpcErrorKind::NoRoom => "no_room",
+        IpcErrorKind::TooFewFiles => "too_few_files",
+        IpcErrorKind::AddressSpace => "address_space",
+        IpcErrorKind::Header => "header",
+        // And what the crate learns to tell apart before this list does.
+        _ => "system",
     }
 }

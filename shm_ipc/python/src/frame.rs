@@ -23,14 +23,17 @@ pub(crate) struct Frame {
     header: PyOnceLock<Py<PyAny>>,
 }
 
-struct Received(uvcam_shm_ipc::Frame);
+/// In a place of its own, as a header is aligned to a cache line and Python aligns objects to 16 bytes.
+struct Received(Box<uvcam_shm_ipc::Frame>);
+
+const _: () = assert!(align_of::<Frame>() <= 16);
 
 // SAFETY: law 3.
 unsafe impl Sync for Received {}
 
 impl Frame {
     pub(crate) fn new(frame: uvcam_shm_ipc::Frame) -> Self {
-        Frame { frame: OfProcess::new(Received(frame)), header: PyOnceLock::new() }
+        Frame { frame: OfProcess::new(Received(Box::new(frame))), header: PyOnceLock::new() }
     }
 
     fn get(&self, py: Python<'_>) -> PyResult<&uvcam_shm_ipc::Frame> {

@@ -22,6 +22,8 @@ pub(crate) struct Subscriber {
     end: OfProcess<End>,
 }
 
+const _: () = assert!(align_of::<Subscriber>() <= 16);
+
 /// What a thread that waits holds locked, and what others may use meanwhile.
 struct End {
     /// `None` once it is closed.
@@ -71,7 +73,7 @@ impl Subscriber {
 
     fn receive_latest(&self, py: Python<'_>) -> PyResult<Option<Frame>> {
         self.with(py, |subscriber| {
-            Ok(subscriber.latest().map_err(|error| error::told(py, &error))?.map(Frame::new))
+            Ok(subscriber.receive_latest().map_err(|error| error::told(py, &error))?.map(Frame::new))
         })
     }
 
@@ -215,5 +217,5 @@ impl Seen {
 }
 
 fn receive(py: Python<'_>, subscriber: &mut uvcam_shm_ipc::Subscriber) -> PyResult<Option<Frame>> {
-    Ok(subscriber.next().map_err(|error| error::told(py, &error))?.map(Frame::new))
+    Ok(subscriber.receive().map_err(|error| error::told(py, &error))?.map(Frame::new))
 }

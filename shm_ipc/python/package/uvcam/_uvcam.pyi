@@ -6,9 +6,11 @@ from typing import Final, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import Self
+from typing_extensions import Self, disjoint_base
 
 from .contract import Header, Health
+
+__all__ = ["CONTRACT_VERSION", "Frame", "Subscriber", "health"]
 
 CONTRACT_VERSION: Final[int]
 """Version of the contract between driver and consumers."""
@@ -37,6 +39,7 @@ class Frame:
     def epoch_changed(self) -> bool:
         """Whether the driver or its camera started anew since the frame before: what was tracked across frames is old."""
 
+@disjoint_base
 class Subscriber:
     """What `uvcam.Subscriber` extends."""
 
