@@ -33,8 +33,10 @@ pub enum IpcErrorKind {
     Incompatible,
     /// No place for another consumer.
     TooManyConsumers,
-    /// A consumer wants a frame more than it may hold.
+    /// A consumer wants a frame or a mask more than it may hold.
     TooManyHeld,
+    /// The mask of a frame has not come yet: it does within a second, or with a later frame's.
+    MaskPending,
     /// `root_path` belongs to another user.
     Permission,
     /// A file that others find by its name belongs to another user.
@@ -127,6 +129,17 @@ pub(crate) enum Fault {
     /// A consumer wants a frame more than it may hold.
     #[error("consumer of camera \"{0}\" holds as many frames as it may")]
     TooManyHeld(String),
+    /// A consumer wants a mask more than it may hold.
+    #[error("consumer of camera \"{0}\" holds as many masks as it may")]
+    TooManyMasks(String),
+    /// A consumer asks for a mask that it has not got.
+    #[error("mask {} of a frame of camera \"{camera}\" has not come yet", hexadecimal(mask_id))]
+    MaskPending {
+        /// The camera.
+        camera: String,
+        /// Identity of the mask.
+        mask_id: [u8; 16],
+    },
     /// `root_path` belongs to another user.
     #[error("{} belongs to user {owner}, this program runs as {user}", root_path.display())]
     Permission {
@@ -223,6 +236,8 @@ impl Fault {
             Fault::Incompatible { .. } => "stop its consumers, or use the same settings and version",
             Fault::TooManyConsumers(_) => "stop one, or, for frames, raise max_subscribers of the driver",
             Fault::TooManyHeld(_) => "drop one, or raise borrowed of the driver",
+            Fault::TooManyMasks(_) => "drop one",
+            Fault::MaskPending { .. } => "ask again with the next frame",
             Fault::Permission { root_path, owner, .. } => {
                 let place = root_path.display();
                 return Some(format!(
@@ -257,7 +272,8 @@ impl Fault {
             Fault::AlreadyPublishing(_) => IpcErrorKind::AlreadyPublishing,
             Fault::Incompatible { .. } => IpcErrorKind::Incompatible,
             Fault::TooManyConsumers(_) => IpcErrorKind::TooManyConsumers,
-            Fault::TooManyHeld(_) => IpcErrorKind::TooManyHeld,
+            Fault::TooManyHeld(_) | Fault::TooManyMasks(_) => IpcErrorKind::TooManyHeld,
+            Fault::MaskPending { .. } => IpcErrorKind::MaskPending,
             Fault::Permission { .. } => IpcErrorKind::Permission,
             Fault::Foreign { .. } => IpcErrorKind::Foreign,
             Fault::Unwritable { .. } => IpcErrorKind::Unwritable,
@@ -343,6 +359,10 @@ impl From<HeaderError> for IpcError {
     fn from(error: HeaderError) -> Self {
         Fault::Header(error).into()
     }
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Why a publisher has no slot to give.

@@ -16,7 +16,7 @@ pub const MAGIC: u32 = u32::from_le_bytes(*b"UVCM");
 pub const CONTRACT_VERSION: u16 = 2;
 
 /// Largest width and height of a frame, in pixels: a bound against nonsense, above any camera.
-const LARGEST_SIDE: u32 = 65_535;
+pub(crate) const LARGEST_SIDE: u32 = 65_535;
 
 /// What is to be known of a frame besides its pixels. The layout is part of the contract.
 ///
@@ -66,7 +66,8 @@ pub struct FrameHeader {
     pub flags: Flags,
     /// Zero.
     pub(crate) reserved_picture: u32,
-    /// Identity of the mask that was applied; all zero where none was.
+    /// Identity of the mask that was applied ([`Flags::MASKED`]) or travels beside the frame ([`Flags::MASK_ATTACHED`]); all zero where
+    /// the camera flies without.
     pub mask_id: [u8; 16],
     /// Exposure time in us, as read back from the camera.
     pub exposure_us: f64,
@@ -148,6 +149,19 @@ impl FrameHeader {
     pub fn set_mask(&mut self, mask_id: Option<[u8; 16]>) {
         self.mask_id = mask_id.unwrap_or_default();
         self.set_flag(Flags::MASKED, mask_id.is_some());
+        self.set_flag(Flags::MASK_ATTACHED, false);
+    }
+
+    /// Records the mask that travels beside the frame and was not applied, with [`Flags::MASK_ATTACHED`].
+    pub fn set_attached_mask(&mut self, mask_id: [u8; 16]) {
+        self.mask_id = mask_id;
+        self.set_flag(Flags::MASKED, false);
+        self.set_flag(Flags::MASK_ATTACHED, true);
+    }
+
+    /// Whether there is a mask for the frame, be it applied or not.
+    pub fn has_mask(&self) -> bool {
+        self.flags.intersects(Flags::MASKED | Flags::MASK_ATTACHED)
     }
 
     /// The pixel format.
@@ -201,7 +215,7 @@ pub struct Flags(u32);
 
 bitflags! {
     impl Flags: u32 {
-        /// A mask was applied: [`FrameHeader::mask_id`] tells which.
+        /// A mask was applied, and what it masks is black: [`FrameHeader::mask_id`] tells which.
         const MASKED = 1;
         /// The frame was rendered, not taken.
         const SIMULATED = 1 << 1;
@@ -211,6 +225,9 @@ bitflags! {
         const INCOMPLETE = 1 << 3;
         /// The device has no clock: [`FrameHeader::device_timestamp_ns`] says nothing.
         const NO_DEVICE_CLOCK = 1 << 4;
+        /// A mask was not applied and travels beside the frame: the own airframe is in sight, and [`FrameHeader::mask_id`] tells which
+        /// mask shows where.
+        const MASK_ATTACHED = 1 << 5;
         // Another process wrote them: any bit may be set.
         const _ = !0;
     }

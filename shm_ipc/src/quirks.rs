@@ -16,6 +16,7 @@
 //! | connects to a new port of the other side once, while it sends or receives, and waits there for `creation_timeout`: see [`Address::for_publisher`](crate::service::Address::for_publisher) | publisher, link, health, control |
 //! | counts the frames in a subscriber's hands for each publisher, and passes over a publisher of whom it holds all it may | [`Subscriber`](crate::Subscriber) |
 //! | keeps all slots of a publisher in one mapping, each behind its own header and ours | [`resident`](crate::resident), [`settings`](crate::settings) |
+//! | does nothing with a received sample through a shared reference but read it, its length under the lock of [`Ipc`], and yet does not say that threads may share it: [`Received`] | [`Frame`](crate::Frame), [`Mask`](crate::Mask) |
 //! | keeps the handle of each loan on the heap | the frame path's law of allocations |
 //! | writes its log to stderr, waits until that is read, and panics where it is closed | [`log`](crate::log) |
 //! | reports most faults of a system as `InternalError` | [`premises`](crate::premises), which looks before |
@@ -26,7 +27,8 @@ use std::path::{Path, PathBuf};
 
 use iceoryx2::config::Config;
 use iceoryx2::node::{DeadNodeView, NodeDetails, NodeView};
-use iceoryx2::prelude::ipc_threadsafe;
+use iceoryx2::prelude::{ZeroCopySend, ipc_threadsafe};
+use iceoryx2::sample::Sample;
 use iceoryx2::service::service_hash::ServiceHash;
 
 /// The version that this file describes.
@@ -36,6 +38,28 @@ const VERSION: &str = "0.10.0";
 /// The kind of all ports: behind a mutex, so that slots and frames may go from thread to thread; 0.2 us a call over `ipc` where the cache
 /// is warm.
 pub(crate) type Ipc = ipc_threadsafe::Service;
+
+/// A received sample, which threads may share.
+#[derive(Debug)]
+pub(crate) struct Received<H: ZeroCopySend>(Sample<Ipc, [u8], H>);
+
+// SAFETY: all that this type does through a shared reference is to read header and payload, which nobody writes while the sample is held;
+// iceoryx2 reads the length of the payload under the lock of `Ipc`, and releases the sample when its one owner drops it.
+unsafe impl<H: ZeroCopySend + Sync> Sync for Received<H> {}
+
+impl<H: ZeroCopySend> Received<H> {
+    pub(crate) fn new(sample: Sample<Ipc, [u8], H>) -> Self {
+        Received(sample)
+    }
+
+    pub(crate) fn header(&self) -> &H {
+        self.0.user_header()
+    }
+
+    pub(crate) fn payload(&self) -> &[u8] {
+        self.0.payload()
+    }
+}
 
 /// Where iceoryx2 keeps its memory.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";

@@ -18,9 +18,10 @@ use crate::clock::{after, monotonic_ns, until};
 use crate::continuity::{Continuity, Step};
 use crate::error::{Fault, IpcError};
 use crate::header::FrameHeader;
+use crate::mask::{Mask, MaskReader};
 use crate::prediction::Prediction;
 use crate::premises;
-use crate::quirks::Ipc;
+use crate::quirks::{Ipc, Received};
 use crate::service::Address;
 use crate::settings::Settings;
 use crate::wakeup::Wakeup;
@@ -50,6 +51,7 @@ pub struct Subscriber {
     continuity: Continuity,
     wakeup: Wakeup,
     prediction: Prediction,
+    masks: MaskReader,
     /// Came while it was watched for.
     watched: Option<Sample<Ipc, [u8], FrameHeader>>,
     /// One more for each frame in the caller's hands.
@@ -80,6 +82,7 @@ impl Subscriber {
             continuity: Continuity::default(),
             wakeup: Wakeup::default(),
             prediction: Prediction::default(),
+            masks: MaskReader::default(),
             watched: None,
             held: Arc::default(),
             frames: 0,
@@ -101,13 +104,14 @@ impl Subscriber {
         let now_ns = monotonic_ns();
         self.look_after_link(now_ns)?;
         while let Some(sample) = self.take_sample()? {
+            let received = Received::new(sample);
             // Law 1.
-            let header = *sample.user_header();
-            match header.validate(sample.payload().len()) {
+            let header = *received.header();
+            match header.validate(received.payload().len()) {
                 Ok(image_bytes) => {
                     let step = self.accept(&header, now_ns);
                     let held = Arc::clone(&self.held);
-                    return Ok(Some(Frame { sample, header, image_bytes, step, _held: held }));
+                    return Ok(Some(Frame { received, header, image_bytes, step, _held: held }));
                 }
                 Err(_) => self.rejected += 1,
             }
@@ -181,6 +185,23 @@ impl Subscriber {
             }
             now_ns = monotonic_ns();
         }
+    }
+
+    /// The mask of a frame, blanked in it or beside it ([`Flags`](crate::Flags)); `None` where its camera flies without. Costs nothing while
+    /// the mask stays the same, and never waits. A frame is only ever given its own mask, whichever is in force by now.
+    ///
+    /// # Errors
+    /// [`IpcErrorKind::MaskPending`](crate::IpcErrorKind::MaskPending) where the mask has not come yet: for at most a second or two after
+    /// the first call, and after the driver started anew. Go on with the next frame. It does not come any more where the frame was kept
+    /// while more than four masks came.
+    /// [`IpcErrorKind::TooManyHeld`](crate::IpcErrorKind::TooManyHeld) where the caller holds as many masks as it may, and those of
+    /// [`Subscriber::open`].
+    pub fn mask_of(&mut self, frame: &Frame) -> Result<Option<Mask>, IpcError> {
+        let header = frame.header();
+        if !header.has_mask() {
+            return Ok(None);
+        }
+        self.masks.mask_of(header, &self.address, self.node.as_ref()).map(Some)
     }
 
     /// Frames given out or passed over by [`Subscriber::receive_latest`].
@@ -266,6 +287,7 @@ impl Subscriber {
     fn let_go(&mut self) {
         self.next_look_ns = after(RETRY, monotonic_ns());
         self.link = None;
+        self.masks.let_go();
         self.node = None;
     }
 
@@ -314,7 +336,7 @@ impl Subscriber {
 /// [`Settings::borrowed`] of them, also beyond the life of its [`Subscriber`].
 #[derive(Debug)]
 pub struct Frame {
-    sample: Sample<Ipc, [u8], FrameHeader>,
+    received: Received<FrameHeader>,
     header: FrameHeader,
     image_bytes: usize,
     step: Step,
@@ -329,7 +351,7 @@ impl Frame {
 
     /// The image, row by row from the top, [`FrameHeader::stride`] bytes apart; ends with the last pixel of the last row.
     pub fn pixels(&self) -> &[u8] {
-        self.sample.payload().get(..self.image_bytes).unwrap_or_default()
+        self.received.payload().get(..self.image_bytes).unwrap_or_default()
     }
 
     /// The rows of the image from the top, each of `width * bytes_per_pixel` bytes: what lies between rows is left out.

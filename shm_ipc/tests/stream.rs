@@ -157,20 +157,6 @@ fn slots_keep_their_addresses_and_go_out_in_any_order() {
     assert!(addresses.len() <= slots, "{} addresses, {slots} slots", addresses.len());
 }
 
-/// The file, and the place in it, that lies behind an address.
-fn behind(address: usize) -> (String, usize) {
-    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
-    let line = maps.lines().find_map(|line| {
-        let mut fields = line.split_whitespace();
-        let (begin, end) = fields.next()?.split_once('-')?;
-        let begin = usize::from_str_radix(begin, 16).ok()?;
-        (begin..usize::from_str_radix(end, 16).ok()?).contains(&address).then_some((begin, fields))
-    });
-    let (begin, mut fields) = line.unwrap();
-    let offset = usize::from_str_radix(fields.nth(1).unwrap(), 16).unwrap();
-    (fields.collect::<Vec<_>>().join(" "), offset + address - begin)
-}
-
 #[test]
 fn a_consumer_reads_the_very_memory_that_the_driver_wrote() {
     let place = Place::new();
@@ -252,6 +238,11 @@ fn everything_may_go_to_another_thread() {
     assert_send::<uvcam_shm_ipc::Slot>();
     assert_send::<uvcam_shm_ipc::Subscriber>();
     assert_send::<uvcam_shm_ipc::Frame>();
+    assert_send::<uvcam_shm_ipc::Mask>();
+    // What was received may be read by several.
+    fn assert_sync<T: Sync>() {}
+    assert_sync::<uvcam_shm_ipc::Frame>();
+    assert_sync::<uvcam_shm_ipc::Mask>();
 }
 
 #[test]

@@ -105,6 +105,20 @@ pub fn assert_pixels(frame: &Frame) {
     assert_eq!(wrong, None, "first wrong byte of frame {sequence}");
 }
 
+/// The file, and the place in it, that lies behind an address.
+pub fn behind(address: usize) -> (String, usize) {
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+    let line = maps.lines().find_map(|line| {
+        let mut fields = line.split_whitespace();
+        let (begin, end) = fields.next()?.split_once('-')?;
+        let begin = usize::from_str_radix(begin, 16).ok()?;
+        (begin..usize::from_str_radix(end, 16).ok()?).contains(&address).then_some((begin, fields))
+    });
+    let (begin, mut fields) = line.unwrap();
+    let offset = usize::from_str_radix(fields.nth(1).unwrap(), 16).unwrap();
+    (fields.collect::<Vec<_>>().join(" "), offset + address - begin)
+}
+
 /// Waits until the subscriber has found the publisher.
 pub fn meet(publisher: &Publisher, subscriber: &mut Subscriber) {
     wait_until("the consumer", || {
