@@ -7,12 +7,12 @@ use uvcam_shm_ipc::{IpcError, IpcErrorKind};
 
 /// An error of the Rust crate.
 pub(crate) fn told(py: Python<'_>, error: &IpcError) -> PyErr {
-    // Rust's remedy speaks of frames; here arrays hold them.
-    const DROP: &str = "del frames, their arrays and all views of these, keep array.copy() instead, or raise borrowed of the driver";
-    let remedy = match error.kind() {
-        IpcErrorKind::TooManyHeld => Some(DROP.to_owned()),
-        _ => error.remedy(),
-    };
+    let mut remedy = error.remedy();
+    // What Rust drops by itself is held by arrays here.
+    if error.kind() == IpcErrorKind::TooManyHeld {
+        let arrays = "one is held as long as itself, its array or a view of that lives: del them, or keep array.copy()";
+        remedy = remedy.map(|remedy| format!("{remedy}; {arrays}"));
+    }
     new(py, kind(error.kind()), &error.message(), remedy.as_deref())
 }
 
@@ -51,6 +51,7 @@ fn kind(kind: IpcErrorKind) -> &'static str {
         IpcErrorKind::Incompatible => "incompatible",
         IpcErrorKind::TooManyConsumers => "too_many_consumers",
         IpcErrorKind::TooManyHeld => "too_many_held",
+        IpcErrorKind::MaskPending => "mask_pending",
         IpcErrorKind::Permission => "permission",
         IpcErrorKind::Foreign => "foreign",
         IpcErrorKind::Unwritable => "unwritable",

@@ -4,8 +4,10 @@ mod arguments;
 mod error;
 mod frame;
 mod health;
+mod mask;
 mod process;
 mod subscriber;
+mod view;
 
 use pyo3::prelude::*;
 
@@ -16,6 +18,8 @@ mod _uvcam {
     use crate::frame::Frame;
     #[pymodule_export]
     use crate::health::health;
+    #[pymodule_export]
+    use crate::mask::Mask;
     #[pymodule_export]
     use crate::subscriber::Subscriber;
     #[pymodule_export]

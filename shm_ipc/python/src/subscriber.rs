@@ -10,6 +10,7 @@ use pyo3::prelude::*;
 use crate::arguments;
 use crate::error;
 use crate::frame::Frame;
+use crate::mask::Mask;
 use crate::process::OfProcess;
 
 /// Longest wait without a look for signals and for `close`.
@@ -74,6 +75,13 @@ impl Subscriber {
     fn receive_latest(&self, py: Python<'_>) -> PyResult<Option<Frame>> {
         self.with(py, |subscriber| {
             Ok(subscriber.receive_latest().map_err(|error| error::told(py, &error))?.map(Frame::new))
+        })
+    }
+
+    fn mask_of(&self, py: Python<'_>, frame: &Frame) -> PyResult<Option<Mask>> {
+        let frame = frame.get(py)?;
+        self.with(py, |subscriber| {
+            Ok(subscriber.mask_of(frame).map_err(|error| error::told(py, &error))?.map(Mask::new))
         })
     }
 

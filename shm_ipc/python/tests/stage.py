@@ -69,6 +69,14 @@ class Stage:
         self.drivers.append(driver)
         return driver
 
+    def publisher(self, pixel_format: str, stride: int) -> "subprocess.Popen[bytes]":
+        """Starts another driver than ours, of the camera "padded": 30 x 5 px, rows with padding, a mask beside the frames."""
+        words = [str(BUILT / "examples" / "publisher"), *self.words(), pixel_format, str(stride)]
+        # Without an input it ends.
+        publisher = subprocess.Popen(words, stdin=subprocess.PIPE)
+        self.drivers.append(publisher)
+        return publisher
+
     def subscriber(self, camera: str = "left", **more: Any) -> uvcam.Subscriber:
         """A consumer in this process."""
         return uvcam.Subscriber(camera, **self.address, **more)
@@ -83,5 +91,7 @@ class Stage:
             if driver.poll() is None:
                 driver.send_signal(signal.SIGTERM)
                 driver.wait(PATIENCE_S)
+            if driver.stdin is not None:
+                driver.stdin.close()
         for file in Path("/dev/shm").glob(f"{self.address['prefix']}*"):
             file.unlink(missing_ok=True)

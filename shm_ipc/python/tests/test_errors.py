@@ -66,6 +66,7 @@ def in_fork(stage: Stage, subscriber: uvcam.Subscriber, frame: uvcam.Frame) -> N
         lambda: next(subscriber),
         lambda: frame.array,
         lambda: frame.header,
+        lambda: subscriber.mask_of(frame),
     )
     for use in uses:
         with pytest.raises(uvcam.Error, match="forked from it: open a subscriber in each process") as caught:

@@ -77,7 +77,7 @@ def test_markers_are_every_blinking_one_and_none_on_the_airframe(stage: Stage) -
 def test_without_the_mask_there_are_markers_on_the_airframe(stage: Stage) -> None:
     stage.driver(simulated().replace("exposure_us = 1000", "exposure_us = 5000"))
     sys.path.insert(0, str(EXAMPLES))
-    from markers import markers  # type: ignore[import-not-found]
+    from markers import markers
 
     with stage.subscriber() as subscriber:
         frame = next_frame(subscriber)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import uvcam
 from numpy.typing import NDArray
-from stage import BUILT, Stage, next_frame, simulated, wait_until
+from stage import Stage, next_frame, simulated, wait_until
 
 
 def address(array: NDArray[np.uint8 | np.uint16]) -> int:
@@ -109,19 +109,14 @@ def test_pixels_of_more_than_8_bits_are_words(stage: Stage, pixel_format: str, b
         assert 240 <= array.max() >> (bits - 8) <= 255
 
 
-def test_padding_is_passed_over(stage: Stage) -> None:
-    """Another driver than ours may have rows with padding, of any number of bytes."""
-    for pixel_format, bytes_per_pixel, stride in [("Mono8", 1, 64), ("Mono16", 2, 77)]:
-        words = [BUILT / "examples" / "padded", *stage.words(), pixel_format, str(stride)]
-        padded = subprocess.Popen(words, stdin=subprocess.PIPE)
-        with stage.subscriber("padded") as subscriber:
-            frame = next_frame(subscriber)
-        array = frame.array
-        assert (array.shape, array.strides) == ((5, 30), (stride, bytes_per_pixel))
-        # Padding is 255, the pixels of each row are its number.
-        assert array.tolist() == [[row] * 30 for row in range(5)]
-        padded.communicate()
-        assert padded.returncode == 0
+@pytest.mark.parametrize(("pixel_format", "item_size", "stride"), [("Mono8", 1, 64), ("Mono16", 2, 77)])
+def test_padding_is_passed_over(stage: Stage, pixel_format: str, item_size: int, stride: int) -> None:
+    stage.publisher(pixel_format, stride)
+    with stage.subscriber("padded") as subscriber:
+        array = next_frame(subscriber).array
+    assert (array.shape, array.strides) == ((5, 30), (stride, item_size))
+    # Padding is 255, the pixels of each row are its number.
+    assert array.tolist() == [[row] * 30 for row in range(5)]
 
 
 def test_an_array_outlives_its_frame_and_the_subscriber(stage: Stage) -> None:
@@ -216,19 +211,3 @@ def test_consumers_that_stop_or_die_cost_others_nothing(stage: Stage) -> None:
     for other in others:
         other.kill()
         other.communicate()
-
-
-def test_masked_pixels_are_black_and_the_mask_is_named(stage: Stage) -> None:
-    pillow = pytest.importorskip("PIL.Image")
-    mask = np.full((480, 752), 255, np.uint8)
-    mask[400:] = 0
-    pillow.fromarray(mask).save(stage.folder / "mask.png")
-    stage.driver(simulated(mask="mask.png"))
-    with stage.subscriber() as subscriber:
-        frame = next_frame(subscriber)
-    assert frame.header.flags == uvcam.Flags.MASKED | uvcam.Flags.SIMULATED
-    assert not frame.array[400:].any()
-    assert frame.array[:400].any()
-    checked = subprocess.run(stage.command("mask", "check", "mask.png")[:4], cwd=stage.folder, capture_output=True, text=True)
-    assert frame.header.mask_id is not None
-    assert frame.header.mask_id in checked.stdout

@@ -7,7 +7,7 @@
             print(frame.lost_before, "lost,", frame.array.mean())
 """
 
-from ._uvcam import CONTRACT_VERSION, Frame, health
+from ._uvcam import CONTRACT_VERSION, Frame, Mask, health
 from .contract import Cause, Flags, Header, Health, Latency, PixelFormat, State
 from .error import Error, Kind
 from .subscriber import Subscriber
@@ -22,6 +22,7 @@ __all__ = [
     "Health",
     "Kind",
     "Latency",
+    "Mask",
     "PixelFormat",
     "State",
     "Subscriber",

@@ -10,7 +10,7 @@ from typing_extensions import Self, disjoint_base
 
 from .contract import Header, Health
 
-__all__ = ["CONTRACT_VERSION", "Frame", "Subscriber", "health"]
+__all__ = ["CONTRACT_VERSION", "Frame", "Mask", "Subscriber", "health"]
 
 CONTRACT_VERSION: Final[int]
 """Version of the contract between driver and consumers."""
@@ -39,6 +39,36 @@ class Frame:
     def epoch_changed(self) -> bool:
         """Whether the driver or its camera started anew since the frame before: what was tracked across frames is old."""
 
+@final
+class Mask:
+    """A mask that frames name, in the memory that the driver wrote."""
+
+    @property
+    def id(self) -> str:
+        """Identity: the `Header.mask_id` of its frames."""
+
+    @property
+    def array(self) -> NDArray[np.uint8]:
+        """The image where it lies, read-only: shape (height, width), 0 discard, 255 keep. The mask is its base."""
+
+    @property
+    def runs(self) -> NDArray[np.uint32]:
+        """The masked runs, a row of (row, first column, length) for each, downwards and from left to right; a copy."""
+
+    @property
+    def masked_px(self) -> int:
+        """Masked pixels."""
+
+    @property
+    def provenance(self) -> dict[str, str]:
+        """Where it comes from, such as camera, method and time of a generated one; empty where nothing is known."""
+
+    def grown(self, pixels: int) -> NDArray[np.uint8]:
+        """A copy of the image in which the masked areas reach `pixels` further to each side, by columns and rows.
+
+        Who looks around a pixel by no more than that, and leaves out what is masked here, does not see the edge of a black area.
+        """
+
 @disjoint_base
 class Subscriber:
     """What `uvcam.Subscriber` extends."""
@@ -66,6 +96,13 @@ class Subscriber:
 
     def receive_latest(self) -> Frame | None:
         """The newest unread frame, or None where there is none. Older ones are passed over and are not lost. Never waits."""
+
+    def mask_of(self, frame: Frame) -> Mask | None:
+        """The mask of a frame, blanked in it or beside it (`Flags`); None where its camera flies without. Never waits.
+
+        Raises `uvcam.Error` of kind "mask_pending" where it has not come yet, within a second or two of the first call and of a start of
+        the driver: go on with the next frame.
+        """
 
     def wait(self, timeout: float | None = None) -> bool:
         """Waits until a frame is there, `timeout` seconds at most, and returns whether one is. Other threads run meanwhile."""

@@ -12,7 +12,7 @@ class Flags(enum.IntFlag):
     """What was done to a frame and where it comes from."""
 
     MASKED = 1
-    """A mask was applied: `Header.mask_id` tells which."""
+    """A mask was applied, and what it masks is black: `Header.mask_id` tells which."""
     SIMULATED = 2
     """The frame was rendered, not taken."""
     REPLAYED = 4
@@ -21,6 +21,8 @@ class Flags(enum.IntFlag):
     """Parts of the frame are missing."""
     NO_DEVICE_CLOCK = 16
     """The device has no clock: `Header.device_timestamp_ns` says nothing."""
+    MASK_ATTACHED = 32
+    """A mask was not applied and travels beside the frame: the own airframe is in sight."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -38,7 +40,7 @@ class Header:
     flags: Flags
     """What was done to the frame and where it comes from."""
     mask_id: str | None
-    """Identity of the mask that was applied, 32 hexadecimal digits as `uvcam` prints them; None where none was."""
+    """Identity of the mask that was applied or travels beside the frame, 32 hexadecimal digits as `uvcam` prints them, or None."""
     exposure_us: float
     """Exposure time in us, as read back from the camera."""
     gain_db: float

@@ -11,6 +11,7 @@ Kind = Literal[
     "incompatible",
     "too_many_consumers",
     "too_many_held",
+    "mask_pending",
     "permission",
     "foreign",
     "unwritable",
