@@ -66,18 +66,18 @@ def test_markers_are_every_blinking_one_and_none_on_the_airframe(stage: Stage) -
     no_airframe = '[camera.generate]\nignore = ["::0:300"]\n'
     stage.write(simulated(mask="mask.png", more=no_airframe).replace("exposure_us = 1000", "exposure_us = 5000"))
     subprocess.run(stage.command("generate", "left", "--accept"), check=True, capture_output=True)
-    program = start(stage, "markers.py")
+    program = start(stage, "uvdar_markers.py")
     stage.driver()
     for line in lines(program, 120):
-        sequence, found = line.split(" ", 1)
-        expected = [place for number in range(2) if (place := marker(number, int(sequence)))]
+        frame_id, found = line.split(": ", 1)
+        expected = [place for number in range(2) if (place := marker(number, int(frame_id)))]
         assert sorted(ast.literal_eval(found)) == sorted(expected), line
 
 
 def test_without_the_mask_there_are_markers_on_the_airframe(stage: Stage) -> None:
     stage.driver(simulated().replace("exposure_us = 1000", "exposure_us = 5000"))
     sys.path.insert(0, str(EXAMPLES))
-    from markers import markers
+    from uvdar_markers import markers
 
     with stage.subscriber() as subscriber:
         frame = next_frame(subscriber)

@@ -1,7 +1,8 @@
 """Masks: in the frames, and beside them."""
 
 import gc
-import subprocess
+import hashlib
+import signal
 
 import numpy as np
 import PIL.Image
@@ -29,20 +30,49 @@ def mask_of(subscriber: uvcam.Subscriber) -> tuple[uvcam.Frame, uvcam.Mask]:
     return found[0]
 
 
-def test_masked_pixels_are_black_and_the_mask_is_named(stage: Stage) -> None:
+def write_mask(stage: Stage, first_row: int) -> None:
+    """Writes a mask that blanks all rows from one on."""
     mask = np.full((480, 752), 255, np.uint8)
-    mask[400:] = 0
-    PIL.Image.fromarray(mask).save(stage.folder / "mask.png")
-    stage.driver(simulated(mask="mask.png"))
+    mask[first_row:] = 0
+    # In one step: a driver reads the old one or the new one.
+    PIL.Image.fromarray(mask).save(stage.folder / "new.png")
+    (stage.folder / "new.png").rename(stage.folder / "mask.png")
+
+
+def identity(mask: uvcam.Mask) -> str:
+    """What a mask is known by: the hash of its binary PGM."""
+    height, width = mask.array.shape
+    return hashlib.sha256(b"P5\n%d %d\n255\n" % (width, height) + mask.array.tobytes()).hexdigest()[:32]
+
+
+def test_a_frame_has_its_own_mask_however_often_it_changes(stage: Stage) -> None:
+    write_mask(stage, 400)
+    driver = stage.driver(simulated(mask="mask.png"))
+    seen: list[str] = []
     with stage.subscriber() as subscriber:
-        frame = next_frame(subscriber)
-    assert frame.header.flags == uvcam.Flags.MASKED | uvcam.Flags.SIMULATED
-    assert not frame.array[400:].any()
-    assert frame.array[:400].any()
-    check = stage.command("mask", "check", str(stage.folder / "mask.png"))
-    said = subprocess.run(check, capture_output=True, text=True, check=True).stdout
-    assert frame.header.mask_id is not None
-    assert frame.header.mask_id in said
+        frame, mask = mask_of(subscriber)
+        while len(seen) < 20:
+            assert frame.header.flags == uvcam.Flags.MASKED | uvcam.Flags.SIMULATED
+            assert mask.id == frame.header.mask_id == identity(mask)
+            assert not frame.array[mask.array == 0].any()
+            assert frame.array[mask.array == 255].any()
+            if mask.id not in seen:
+                seen.append(mask.id)
+                write_mask(stage, 400 - len(seen))
+                driver.send_signal(signal.SIGHUP)
+            frame, mask = mask_of(subscriber)
+        assert subscriber.lost == 0
+
+
+def test_an_attached_mask_leaves_pixels_as_they_are(stage: Stage) -> None:
+    write_mask(stage, 10)
+    stage.driver(simulated(mask="mask.png", more='mask_mode = "attach"\n'))
+    with stage.subscriber() as subscriber:
+        frame, mask = mask_of(subscriber)
+        assert frame.header.flags == uvcam.Flags.MASK_ATTACHED | uvcam.Flags.SIMULATED
+        assert mask.id == frame.header.mask_id == identity(mask)
+        assert not mask.array[10:].any()
+        assert frame.array[mask.array == 0].any()
 
 
 def test_a_mask_is_an_array_beside_its_frame(stage: Stage) -> None:

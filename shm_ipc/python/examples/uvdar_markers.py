@@ -1,6 +1,6 @@
 """Prints where blinking markers are in each frame, by the rule of UVDAR's detector: brighter than all of a ring around it.
 
-python markers.py left [PREFIX ROOT_PATH]
+python uvdar_markers.py left [PREFIX ROOT_PATH]
 """
 
 import sys
@@ -36,4 +36,4 @@ if __name__ == "__main__":
     prefix, root_path = sys.argv[2:] or (None, None)
     with uvcam.Subscriber(camera, prefix=prefix, root_path=root_path) as subscriber:
         for frame in subscriber:
-            print(frame.header.sequence, markers(frame.array), flush=True)
+            print(f"{frame.header.device_frame_id}: {markers(frame.array)}", flush=True)
