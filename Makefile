@@ -5,7 +5,7 @@
 # Where a folder is not ours, root must act.
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PACKAGES := build-essential pkg-config libclang-dev libaravis-dev libusb-1.0-0-dev
-TEST_PACKAGES := aravis-tools iproute2 systemd udev util-linux
+TEST_PACKAGES := aravis-tools iproute2 python3 systemd udev util-linux
 PYTHON_PACKAGES := python3 python3-venv
 LAB_PACKAGES := binutils busybox-static qemu-system-x86 udev
 # What `make bench` compares with; it does without what cannot be installed.

@@ -13,6 +13,7 @@ use uvcam_shm_ipc::{HeaderError, IpcError, IpcErrorKind, LoanError};
 use crate::camera::CameraError;
 use crate::config::ConfigError;
 use crate::exit::Exit;
+use crate::generate::RequestError;
 
 /// Why a command, or one camera of a running driver, did not do what was asked.
 #[derive(Debug, Error)]
@@ -35,6 +36,9 @@ pub enum Error {
     /// A picture cannot be read or written.
     #[error(transparent)]
     Picture(#[from] FileError),
+    /// A mask was requested that cannot be.
+    #[error(transparent)]
+    Request(#[from] RequestError),
     /// A mask cannot be computed.
     #[error("no mask generated")]
     Generate(#[from] GenerateError),
@@ -104,7 +108,7 @@ impl Error {
             {
                 Exit::System
             }
-            Error::Config(_) | Error::Usage(_) | Error::Generate(_) => Exit::Usage,
+            Error::Config(_) | Error::Usage(_) | Error::Request(_) | Error::Generate(_) => Exit::Usage,
             Error::Ipc(error) if matches!(error.kind(), IpcErrorKind::CameraName | IpcErrorKind::Setting) => {
                 Exit::Usage
             }

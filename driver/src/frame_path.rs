@@ -17,7 +17,7 @@ use crate::camera::{Applied, Camera, CameraError, Capture, Event};
 use crate::clock::FrameClock;
 use crate::counters::{Counters, add};
 use crate::error::Error;
-use crate::generate::Order;
+use crate::generate::Task;
 use crate::mask::{self, MaskInForce};
 
 mod silence;
@@ -35,7 +35,7 @@ pub enum Command {
     /// Fly this mask, which consumers were given, from the next frame on.
     Mask(MaskInForce),
     /// Leave the path and collect lit frames.
-    Generate(Box<Order>),
+    Generate(Box<Task>),
     /// Leave the path for another publisher: consumers no longer find this one.
     Republish,
 }
@@ -46,7 +46,7 @@ pub enum Leave {
     /// The driver stops.
     Stop,
     /// Lit frames are to be collected.
-    Generate(Box<Order>),
+    Generate(Box<Task>),
     /// Another publisher is to be made.
     Republish,
 }
@@ -233,7 +233,7 @@ impl FramePath<'_> {
                     self.counters.set_mask_id(mask.as_deref().map(|mask| mask.id()));
                     *self.mask = mask;
                 }
-                Command::Generate(order) => return Some(Leave::Generate(order)),
+                Command::Generate(task) => return Some(Leave::Generate(task)),
                 Command::Republish => return Some(Leave::Republish),
             }
         }

@@ -19,7 +19,6 @@ pub mod error;
 pub mod exit;
 pub mod frame_path;
 pub mod generate;
-pub mod generator;
 pub mod health;
 pub mod latency;
 pub mod log;

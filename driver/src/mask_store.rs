@@ -25,6 +25,7 @@ use uvcam_masker::file::{self, FileError};
 use uvcam_masker::{GrayImage, Mask};
 
 use self::history::History;
+use crate::config::{CameraConfig, MaskChoice};
 use crate::error::Error;
 use crate::mask;
 
@@ -48,6 +49,20 @@ pub struct Candidate<'a> {
 }
 
 impl MaskStore {
+    /// The store of the camera's mask.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] where the camera flies without a mask file.
+    pub fn of(camera: &CameraConfig) -> Result<Self, Error> {
+        match &camera.mask {
+            MaskChoice::File(path) => Ok(MaskStore::new(path)),
+            MaskChoice::None => Err(Error::Usage(format!(
+                "camera {} has mask = \"none\": name a file in the configuration to generate its mask",
+                camera.name
+            ))),
+        }
+    }
+
     /// The store around the mask file that the configuration names.
     pub fn new(in_force: &Path) -> Self {
         MaskStore { in_force: in_force.into() }

@@ -6,9 +6,10 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
+use uvcam_shm_ipc::control::Progress;
 use uvcam_shm_ipc::{FrameHeader, Publisher};
 
 use crate::back_off::BackOff;
@@ -16,12 +17,13 @@ use crate::camera::source::{self, CameraSource};
 use crate::camera::{Applied, Camera, CameraError, Identity};
 use crate::config::{CameraConfig, Ipc};
 use crate::counters::{Counters, add};
-use crate::error::{Error, panic_text, with_causes};
+use crate::error::{Error, panic_text};
 use crate::frame_path::{Command, FramePath, Leave, Position};
-use crate::generate::Order;
+use crate::generate::{CancelToken, LitFrames};
 use crate::mask::{self, MaskInForce, MaskService};
 
 mod closing;
+mod lit_frames;
 mod time;
 
 pub(crate) use closing::CLOSING;
@@ -44,20 +46,31 @@ pub enum State {
     Refused(Error),
 }
 
-/// A change of state of one camera, by its place in the configuration.
+impl State {
+    /// Whether the camera's thread panicked, and with it lost what it was told to do.
+    pub fn is_panic(&self) -> bool {
+        matches!(self, State::Waiting(Error::Panicked { .. }))
+    }
+}
+
+/// What a camera's thread tells of.
 #[derive(Debug)]
 pub struct Notice {
     /// The camera's place in the configuration.
     pub camera: usize,
-    /// Its new state.
-    pub state: State,
+    /// What has happened.
+    pub news: News,
 }
 
-impl Notice {
-    /// Whether the camera's thread panicked, and with it lost what it was told to do.
-    pub fn is_panic(&self) -> bool {
-        matches!(self.state, State::Waiting(Error::Panicked { .. }))
-    }
+/// What has happened to a camera.
+#[derive(Debug)]
+pub enum News {
+    /// Its thread does something else now.
+    State(State),
+    /// Another lit frame came.
+    Progress(Progress),
+    /// Lit frames were collected for a task, or not, and the camera has its flight settings again, or failed.
+    Collected(CancelToken, Box<Result<LitFrames, Error>>),
 }
 
 /// A camera's thread.
@@ -111,14 +124,6 @@ impl Supervisor {
     /// What gives the camera's mask to consumers, for whoever wants it flown.
     pub fn masks(&self) -> Arc<MaskService> {
         self.masks.clone()
-    }
-
-    /// Fulfils an order for a camera that no driver runs.
-    pub fn fulfil_alone(camera: &CameraConfig, ipc: &Ipc, stop: Arc<AtomicBool>, order: Order) {
-        let (_, commands) = channel();
-        let counters = Arc::default();
-        Supervisor::new(0, camera.clone(), ipc.clone(), commands, Box::new(|_| ()), counters, stop)
-            .fulfil_while_closed(order);
     }
 
     /// Runs until told to stop. A panic, of the camera's library or of ours, ends an attempt as an error does: the camera is closed, and
@@ -199,7 +204,7 @@ impl Supervisor {
             self.counters.live();
             match self.commands.recv_timeout(PATIENCE) {
                 Ok(Command::Mask(mask)) => return Some(mask),
-                Ok(Command::Generate(order)) => self.fulfil_while_closed(*order),
+                Ok(Command::Generate(task)) => self.generate_while_closed(*task),
                 // Looked at when the next publisher is needed.
                 Ok(Command::Republish) => {}
                 Err(RecvTimeoutError::Timeout) => {}
@@ -237,7 +242,7 @@ impl Supervisor {
         }
     }
 
-    /// Publishes the frames of an opened camera. Orders for lit frames are fulfilled between two epochs.
+    /// Publishes the frames of an opened camera. Lit frames are collected between two epochs.
     fn stream_from(
         &mut self,
         camera: &mut dyn Camera,
@@ -266,9 +271,9 @@ impl Supervisor {
             let left = path.run(&self.stop, || self.notify(State::Streaming(identity)));
             self.publisher = Some(publisher);
             match left? {
-                Leave::Generate(order) => {
+                Leave::Generate(task) => {
                     self.notify(State::Generating);
-                    self.fulfil(camera, *order)?;
+                    self.generate(camera, *task)?;
                 }
                 Leave::Republish => {}
                 Leave::Stop => return Ok(()),
@@ -290,37 +295,6 @@ impl Supervisor {
         let publisher = Publisher::create(settings, &self.camera.name, payload_bytes, self.ipc.loans())?;
         self.counters.set_footing(Some(publisher.footing().clone()));
         Ok(publisher)
-    }
-
-    /// Collects lit frames, and gives the camera its flight settings back before it says so.
-    fn fulfil(&mut self, camera: &mut dyn Camera, mut order: Order) -> Result<(), Error> {
-        let publisher = self.publisher_for(self.camera.settings.frame_bytes())?;
-        let collected = order.collect(camera, &self.camera.settings, &publisher, self.ipc.slots, &self.stop);
-        camera.stop();
-        self.publisher = Some(publisher);
-        let restored = camera.configure(&self.camera.settings);
-        let Order { done, generator, .. } = order;
-        match (collected, restored) {
-            (Ok(applied), Ok(_)) => done(generator, Ok(applied)),
-            (Err(error), Ok(_)) => done(generator, Err(error)),
-            (_, Err(error)) => {
-                done(generator, Err(Error::NotRestored(with_causes(&error))));
-                return Err(error.into());
-            }
-        }
-        Ok(())
-    }
-
-    /// Fulfils an order for a camera that publishes nothing, and closes it again.
-    fn fulfil_while_closed(&mut self, order: Order) {
-        match self.open() {
-            // What went wrong was told to whoever ordered.
-            Ok(mut camera) => drop(self.fulfil(camera.as_mut(), order)),
-            Err(error) => {
-                let Order { done, generator, .. } = order;
-                done(generator, Err(error.into()));
-            }
-        }
     }
 
     /// What stays the same over one epoch.
@@ -353,7 +327,11 @@ impl Supervisor {
     }
 
     fn notify(&self, state: State) {
-        (self.notify)(Notice { camera: self.place, state });
+        self.tell(News::State(state));
+    }
+
+    fn tell(&self, news: News) {
+        (self.notify)(Notice { camera: self.place, news });
     }
 }
 

@@ -15,11 +15,13 @@ use iceoryx2::prelude::*;
 use crate::cleanup::{cleanup, clear_the_way, half_made};
 use crate::error::{Fault, IpcError};
 use crate::footing::{Footing, Held, marks_of};
+use crate::header::CONTRACT_VERSION;
 use crate::log::quieten;
 use crate::premises;
 use crate::quirks::{self, Ipc, SHARED_MEMORY};
 use crate::resident;
 use crate::settings::{Settings, is_name};
+use crate::wake_word;
 
 mod refusal;
 
@@ -98,6 +100,20 @@ impl Address {
         }
         premises::check_shared_memory()?;
         Ok(None)
+    }
+
+    /// To be asked where a service is not there: fails where the camera's driver runs and has another version of the contract. The names of
+    /// services hold the version, that of the page does not.
+    pub(crate) fn check_version(&self) -> Result<(), IpcError> {
+        let page = wake_word::version_of(&self.wake_word());
+        let Some(found) = page.filter(|found| *found != u32::from(CONTRACT_VERSION)) else { return Ok(()) };
+        let name = self.service_name(&format!("uvcam/v{found}/{}/frames", self.camera))?;
+        match Ipc::details(&name, &self.config, MessagingPattern::PublishSubscribe) {
+            Ok(Some(details)) if details.dynamic_details.is_some() => {
+                Err(Fault::OtherVersion { camera: self.camera.clone(), found }.into())
+            }
+            _ => Ok(()),
+        }
     }
 
     /// A service that was to be opened; `None` where it is not there, half made or half removed.
@@ -255,7 +271,9 @@ impl<P, S: PortFactory> Visited<P, S> {
         // A driver that was killed must not be taken for one that runs.
         cleanup(&address.config);
         let Some(node) = address.visiting_node()? else { return Ok(None) };
-        let Some((service, port)) = open(&address, &node, &name)? else { return Ok(None) };
+        let Some((service, port)) = open(&address, &node, &name)? else {
+            return address.check_version().map(|()| None);
+        };
         address.take_small_files()?;
         Ok(Some(Visited { port, _service: Held::new(service, &address.config), _node: node, address }))
     }

@@ -32,7 +32,7 @@
 //! 2. The page is reached through atomics alone, as other processes write to it.
 
 use std::fs::{self, File, OpenOptions};
-use std::io;
+use std::io::{self, Read};
 use std::mem::offset_of;
 use std::num::NonZeroU64;
 use std::ops::Deref;
@@ -155,6 +155,14 @@ impl WakeWord {
     pub(crate) fn is_current(&self) -> bool {
         fs::metadata(&self.path).is_ok_and(|found| (found.dev(), found.ino()) == self.file)
     }
+}
+
+/// The version of the contract that a page tells of; `None` where there is none.
+pub(crate) fn version_of(path: &Path) -> Option<u32> {
+    let mut identity = [0; 8];
+    options().open(path).and_then(|mut file| file.read_exact(&mut identity)).ok()?;
+    let (magic, version) = identity.split_first_chunk()?;
+    (*magic == page::MAGIC.to_le_bytes()).then_some(u32::from_le_bytes(version.try_into().ok()?))
 }
 
 /// How the page is opened: never through a link, which anybody can put into `/dev/shm`.

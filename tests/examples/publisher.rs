@@ -1,5 +1,6 @@
 //! Publishes what no camera of ours does, for tests of consumers in other languages: `publisher PREFIX ROOT_PATH FORMAT STRIDE`, until its
-//! standard input ends. Rows have padding of 255; each pixel is the number of its row. A mask travels beside the frames.
+//! standard input ends. Rows have padding of 255; each pixel is the number of its row. A mask travels beside the frames. `publisher PREFIX
+//! ROOT_PATH newer` is the driver of a later version of the contract.
 
 use std::error::Error;
 use std::io::Read;
@@ -7,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use uvcam_shm_ipc::iceoryx2::prelude::*;
 use uvcam_shm_ipc::mask::{MaskPublisher, NewMask, Run};
 use uvcam_shm_ipc::{FrameHeader, PixelFormat, Publisher, Settings};
 
@@ -23,8 +25,15 @@ const MASK: NewMask = NewMask {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let words: Vec<String> = std::env::args().collect();
+    if let [_, prefix, root_path, newer] = words.as_slice()
+        && newer == "newer"
+    {
+        return publish_newer(&Settings::new(prefix, root_path));
+    }
     let [_, prefix, root_path, format, stride] = words.as_slice() else {
-        return Err("usage: publisher PREFIX ROOT_PATH FORMAT STRIDE".into());
+        return Err(
+            "usage: publisher PREFIX ROOT_PATH FORMAT STRIDE, or publisher PREFIX ROOT_PATH newer".into()
+        );
     };
     let (format, stride) = (format.parse::<PixelFormat>()?, stride.parse::<u32>()?);
     let settings = Settings::new(prefix, root_path);
@@ -53,4 +62,23 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         Ok(())
     })
+}
+
+/// The services and the page of version 9.
+fn publish_newer(settings: &Settings) -> Result<(), Box<dyn Error>> {
+    drop(Publisher::create(settings, CAMERA, 64, 2)?);
+    for file in std::fs::read_dir("/dev/shm")?.flatten() {
+        let name = file.file_name().into_string().unwrap_or_default();
+        if name.starts_with(&settings.prefix) && name.ends_with(".wake") {
+            let mut page = std::fs::read(file.path())?;
+            page[4] = 9;
+            std::fs::write(file.path(), page)?;
+        }
+    }
+    let node = NodeBuilder::new().config(&settings.to_iceoryx2()?).create::<ipc_threadsafe::Service>()?;
+    let name = ServiceName::new(&format!("uvcam/v9/{CAMERA}/frames"))?;
+    let _service = node.service_builder(&name).publish_subscribe::<u64>().create()?;
+    println!("ready");
+    std::io::stdin().read_to_end(&mut Vec::new())?;
+    Ok(())
 }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, Deserializer};
+use uvcam_shm_ipc::control::{Bounds, EXPOSURE_US, GAIN_DB};
 use uvcam_shm_ipc::{PixelFormat, SettingError};
 
 use super::error::{Text, shortened};
@@ -67,8 +68,6 @@ struct CameraTable {
 const NAME: &str = "1 to 64 letters, digits, \"_\" or \"-\" (ASCII)";
 /// Where a mask lies that the configuration does not name: as UVDAR names them.
 const MASK: &str = "{uav}_{serial}.png";
-pub(super) const EXPOSURE: &str = "1 to 10000000 microseconds";
-pub(super) const GAIN: &str = "-40 to 80 decibels";
 /// The largest image side that is taken for meant, px.
 const LARGEST_SIDE: u64 = 16384;
 
@@ -147,6 +146,16 @@ impl Reader<'_> {
         valid: impl FnOnce(&T) -> bool,
     ) -> Result<T, ConfigError> {
         value.map_or(Ok(default), |value| self.value(key, value, allowed, valid))
+    }
+
+    /// The value within its bounds, or a refusal.
+    pub(super) fn within<T: Display + PartialOrd>(
+        &self,
+        key: &str,
+        value: Spanned<T>,
+        bounds: &Bounds<T>,
+    ) -> Result<T, ConfigError> {
+        self.value(key, value, &bounds.to_string(), |value| bounds.contains(value))
     }
 
     /// A whole number within its range, or a refusal.
@@ -274,13 +283,8 @@ impl Reader<'_> {
             fps: self.value("fps", table.fps, "0.1 to 10000 frames a second", |fps| {
                 (0.1..=10_000.0).contains(fps)
             })?,
-            exposure_us: self.value(
-                "exposure_us",
-                table.exposure_us,
-                "1 to 10000000 microseconds",
-                |us| (1.0..=1e7).contains(us),
-            )?,
-            gain_db: self.value_or("gain_db", table.gain_db, 0.0, GAIN, |db| (-40.0..=80.0).contains(db))?,
+            exposure_us: self.within("exposure_us", table.exposure_us, &EXPOSURE_US)?,
+            gain_db: table.gain_db.map_or(Ok(0.0), |gain| self.within("gain_db", gain, &GAIN_DB))?,
         };
         let name = self.value("name", table.name, NAME, |text| is_name(text) && text.len() <= 64)?;
         let source = self.source(table.source)?;

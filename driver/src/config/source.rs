@@ -5,8 +5,9 @@ use std::ops::Range;
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::DeTable;
+use uvcam_shm_ipc::control::EXPOSURE_US;
 
-use super::document::{EXPOSURE, Reader};
+use super::document::Reader;
 use super::faults::FaultTable;
 use super::keys::{nearest, suggestion};
 use super::{ConfigError, Simulated, Source, V4l2, V4l2Device, V4l2Memory};
@@ -171,9 +172,8 @@ impl Reader<'_> {
         let gain_step_db = table.gain_step_db.map(|step| {
             self.value("gain_step_db", step, "0.001 to 20 decibels", |db| (0.001..=20.0).contains(db))
         });
-        let fixed_exposure_us = table
-            .fixed_exposure_us
-            .map(|time| self.value("fixed_exposure_us", time, EXPOSURE, |us| (1.0..=1e7).contains(us)));
+        let fixed_exposure_us =
+            table.fixed_exposure_us.map(|time| self.within("fixed_exposure_us", time, &EXPOSURE_US));
         Ok(V4l2 {
             device,
             memory,

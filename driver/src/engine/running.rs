@@ -65,13 +65,13 @@ impl Running {
         // First of all: a driver that finds another one in its place opens no camera.
         let mut health = Reporter::open(config, camera)?;
         let worker = Worker::start(&camera.name)?;
-        let (commands, orders) = channel();
+        let (commands, inbox) = channel();
         let counters = Arc::new(Counters::default());
         let supervisor = Supervisor::new(
             place,
             camera.clone(),
             config.ipc.clone(),
-            orders,
+            inbox,
             Box::new({
                 let events = events.clone();
                 // Nobody listens only while the driver ends.
@@ -240,7 +240,7 @@ impl Running {
     /// Looks whether the camera's thread is stuck in a call of a library, or free again.
     fn watch(&mut self, now_ns: u64) {
         let silent = Duration::from_nanos(now_ns.saturating_sub(self.counters.last_sign_of_life_ns()));
-        // A thread that collects lit frames is watched by whoever ordered them.
+        // A thread that collects lit frames is watched by whoever requested them.
         let is_stuck = silent > STUCK && !matches!(self.state, Some(State::Generating));
         if is_stuck {
             let text = format!("nothing heard of its thread for {} s", silent.as_secs());

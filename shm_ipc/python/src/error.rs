@@ -49,6 +49,7 @@ fn kind(kind: IpcErrorKind) -> &'static str {
         IpcErrorKind::NotMapped => "not_mapped",
         IpcErrorKind::AlreadyPublishing => "already_publishing",
         IpcErrorKind::Incompatible => "incompatible",
+        IpcErrorKind::OtherVersion => "other_version",
         IpcErrorKind::TooManyConsumers => "too_many_consumers",
         IpcErrorKind::TooManyHeld => "too_many_held",
         IpcErrorKind::MaskPending => "mask_pending",

@@ -69,11 +69,11 @@ class Stage:
         self.drivers.append(driver)
         return driver
 
-    def publisher(self, pixel_format: str, stride: int) -> "subprocess.Popen[bytes]":
+    def publisher(self, *words: str) -> "subprocess.Popen[bytes]":
         """Starts another driver than ours, of the camera "padded": 30 x 5 px, rows with padding, a mask beside the frames."""
-        words = [str(BUILT / "examples" / "publisher"), *self.words(), pixel_format, str(stride)]
-        # Without an input it ends.
-        publisher = subprocess.Popen(words, stdin=subprocess.PIPE)
+        command = [str(BUILT / "examples" / "publisher"), *self.words(), *words]
+        # It ends with its input.
+        publisher = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self.drivers.append(publisher)
         return publisher
 
@@ -91,7 +91,8 @@ class Stage:
             if driver.poll() is None:
                 driver.send_signal(signal.SIGTERM)
                 driver.wait(PATIENCE_S)
-            if driver.stdin is not None:
-                driver.stdin.close()
+            for pipe in (driver.stdin, driver.stdout):
+                if pipe is not None:
+                    pipe.close()
         for file in Path("/dev/shm").glob(f"{self.address['prefix']}*"):
             file.unlink(missing_ok=True)

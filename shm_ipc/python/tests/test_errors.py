@@ -57,6 +57,19 @@ def test_a_place_too_few_is_told(stage: Stage) -> None:
     assert caught.value.kind in get_args(uvcam.Kind)
 
 
+def test_a_newer_contract_is_refused_with_both_versions(stage: Stage) -> None:
+    newer = stage.publisher("newer")
+    assert newer.stdout is not None
+    assert newer.stdout.readline() == b"ready\n"
+    for call in (uvcam.Subscriber, uvcam.health):
+        with pytest.raises(uvcam.Error) as caught:
+            call("padded", **stage.address)
+        assert caught.value.kind == "other_version"
+        assert "under version 9 of the contract" in caught.value.message
+        assert f"this program has version {uvcam.CONTRACT_VERSION}" in caught.value.message
+        assert caught.value.remedy == "use driver and consumer of one version"
+
+
 def in_fork(stage: Stage, subscriber: uvcam.Subscriber, frame: uvcam.Frame) -> None:
     """What a forked process sees of its parent's objects, and what it can do itself."""
     uses = (

@@ -111,7 +111,7 @@ def test_pixels_of_more_than_8_bits_are_words(stage: Stage, pixel_format: str, b
 
 @pytest.mark.parametrize(("pixel_format", "item_size", "stride"), [("Mono8", 1, 64), ("Mono16", 2, 77)])
 def test_padding_is_passed_over(stage: Stage, pixel_format: str, item_size: int, stride: int) -> None:
-    stage.publisher(pixel_format, stride)
+    stage.publisher(pixel_format, str(stride))
     with stage.subscriber("padded") as subscriber:
         array = next_frame(subscriber).array
     assert (array.shape, array.strides) == ((5, 30), (stride, item_size))

@@ -76,7 +76,7 @@ def test_an_attached_mask_leaves_pixels_as_they_are(stage: Stage) -> None:
 
 
 def test_a_mask_is_an_array_beside_its_frame(stage: Stage) -> None:
-    stage.publisher("Mono8", 64)
+    stage.publisher("Mono8", "64")
     with stage.subscriber("padded") as subscriber:
         frame, mask = mask_of(subscriber)
         assert frame.header.flags == uvcam.Flags.MASK_ATTACHED
@@ -98,7 +98,7 @@ def test_a_mask_is_an_array_beside_its_frame(stage: Stage) -> None:
 
 
 def test_a_mask_grows_to_each_side(stage: Stage) -> None:
-    stage.publisher("Mono8", 64)
+    stage.publisher("Mono8", "64")
     with stage.subscriber("padded") as subscriber:
         _, mask = mask_of(subscriber)
     expected = np.full((5, 30), 255)

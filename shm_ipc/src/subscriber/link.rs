@@ -42,7 +42,9 @@ pub(super) struct Link {
 
 impl Link {
     pub(super) fn open(address: &Address, node: &Node<Ipc>) -> Result<Option<Link>, IpcError> {
-        let Some((frames, wake)) = frame_service::open(address, node)? else { return Ok(None) };
+        let Some((frames, wake)) = frame_service::open(address, node)? else {
+            return address.check_version().map(|()| None);
+        };
         let subscriber =
             frames.subscriber_builder().set_degradation_handler(|_, _| DegradationAction::DegradeAndFail);
         match subscriber.create() {

@@ -5,11 +5,12 @@ use std::path::Path;
 use serde::Serialize;
 use uvcam_masker::Mask;
 use uvcam_masker::metrics::Spread;
+use uvcam_shm_ipc::control::Part;
 
 use crate::args;
 use crate::error::Error;
 use crate::exit::Exit;
-use crate::generator::{Part, parts};
+use crate::generate::parts;
 
 #[derive(Serialize)]
 struct Report<'a> {

@@ -9,6 +9,7 @@ Kind = Literal[
     "not_mapped",
     "already_publishing",
     "incompatible",
+    "other_version",
     "too_many_consumers",
     "too_many_held",
     "mask_pending",

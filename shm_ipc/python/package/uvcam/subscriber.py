@@ -8,7 +8,7 @@ from ._uvcam import Frame
 from .error import Error
 
 _NAP_S = 0.1
-"""Longest wait of the thread: as long goes it on for a task that was cancelled."""
+"""Longest wait of the thread, which goes on for as long where its task was cancelled."""
 
 
 class Subscriber(_uvcam.Subscriber):
