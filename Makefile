@@ -6,6 +6,7 @@
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PACKAGES := build-essential pkg-config libclang-dev libaravis-dev libusb-1.0-0-dev
 TEST_PACKAGES := aravis-tools clang cmake iproute2 libopencv-core-dev python3 systemd udev util-linux valgrind
+PYTHON_PACKAGES := python3 python3-venv
 LAB_PACKAGES := binutils busybox-static qemu-system-x86 udev
 # What `make bench` compares with; it does without what cannot be installed.
 GSTREAMER_PACKAGES := gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-bad libgstreamer-plugins-base1.0-dev
@@ -24,8 +25,9 @@ BINARY ?= $(or $(CARGO_TARGET_DIR),target)/release/uvcam
 # What `make fuzz` runs.
 FUZZ ?= png config header control clock
 
-# Where `make lab` keeps its kernel.
+# Where `make lab` keeps its kernel, and `make python` what it tests with.
 LAB := target/lab
+PYTHON := target/python
 
 missing = $(shell for package in $(1); do dpkg-query -W -f '$${Status}' $$package 2>/dev/null | grep -q 'ok installed' || echo $$package; done)
 
@@ -60,6 +62,23 @@ $(LAB)/kernel:
 	dpkg -x $(LAB)/package/*.deb $@.part
 	busybox depmod -b $@.part $$(ls $@.part/lib/modules)
 	mv $@.part $@
+
+# With no more than their optimisation left out, the user's way: pip builds the package and installs it.
+.PHONY: python
+python: packages $(PYTHON)/requirements.txt ## Build the Python package and test it with a real driver
+	cargo build --locked --package uvcam
+	cargo build --locked --package uvcam-tests --example publisher
+	PATH=$(abspath $(PYTHON))/bin:$$PATH MATURIN_PEP517_ARGS='--profile dev --locked' \
+		$(PYTHON)/bin/pip install --quiet --no-build-isolation --no-deps ./shm_ipc/python
+	cd shm_ipc/python && $(abspath $(PYTHON))/bin/mypy
+	$(PYTHON)/bin/stubtest uvcam._uvcam
+	cd shm_ipc/python && $(abspath $(PYTHON))/bin/pytest $(TESTS)
+
+$(PYTHON)/requirements.txt: shm_ipc/python/tests/requirements.txt
+	@$(MAKE) --no-print-directory apt NEEDED='$(PYTHON_PACKAGES)'
+	python3 -m venv --clear $(PYTHON)
+	$(PYTHON)/bin/pip install --quiet --requirement $<
+	cp $< $@
 
 .PHONY: fuzz
 fuzz: $(FUZZ:%=fuzz-%) ## Fuzz what comes from outside; FUZZ_S=20 is twenty seconds a target, RUNS=10000000 that many inputs, SEED=1 the same ones each time, FUZZ=png one of them
