@@ -6,8 +6,7 @@
 use std::fmt::Display;
 
 use numpy::ndarray::{ArrayView2, ShapeBuilder};
-use numpy::npyffi::NPY_ARRAY_WRITEABLE;
-use numpy::{PyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
@@ -24,10 +23,7 @@ pub(crate) unsafe fn view<'py>(
     let rows = ArrayView2::from_shape(shape.strides((stride, 1)), bytes).map_err(unsound)?;
     // SAFETY: the law of this file.
     let array = unsafe { PyArray2::borrow_from_array(&rows, owner) };
-    // What numpy's crate has for it takes several us where caches are cold, as after each wait.
-    // SAFETY: nobody else has the new array yet.
-    unsafe { (*array.as_array_ptr()).fields.flags &= !NPY_ARRAY_WRITEABLE };
-    Ok(array)
+    Ok((*array.try_readwrite()?.make_nonwriteable()).clone())
 }
 
 /// What was checked before it came here.
