@@ -5,7 +5,7 @@
 # Where a folder is not ours, root must act.
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PACKAGES := build-essential pkg-config libclang-dev libaravis-dev libusb-1.0-0-dev
-TEST_PACKAGES := aravis-tools clang cmake iproute2 libopencv-core-dev systemd udev util-linux valgrind
+TEST_PACKAGES := aravis-tools clang cmake iproute2 libopencv-core-dev python3 systemd udev util-linux valgrind
 LAB_PACKAGES := binutils busybox-static qemu-system-x86 udev
 # What `make bench` compares with; it does without what cannot be installed.
 GSTREAMER_PACKAGES := gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-bad libgstreamer-plugins-base1.0-dev
