@@ -90,6 +90,7 @@ mod frame_service;
 mod header;
 pub mod health;
 mod log;
+mod near;
 mod pixel_format;
 mod prediction;
 mod premises;
