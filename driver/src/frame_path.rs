@@ -150,6 +150,7 @@ impl FramePath<'_> {
 
     fn publish(&mut self, capture: Capture) -> Result<(), Error> {
         let Capture { mut slot, frame_id, device_timestamp_ns, arrival_monotonic_ns } = capture;
+        self.publisher.prefetch(&slot);
         let Some(gap) = self.position.gap_before(frame_id) else {
             let last = self.position.last_whole_id.unwrap_or_default();
             return Err(self.failed(format!("frame id {frame_id} follows {last}")).into());

@@ -101,6 +101,7 @@ mod log;
 pub mod mask;
 mod pixel_format;
 mod prediction;
+mod prefetch;
 mod premises;
 mod production;
 mod publisher;

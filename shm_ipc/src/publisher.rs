@@ -21,6 +21,7 @@ use crate::error::{Fault, IpcError, LoanError, LoanFailure, SettingError};
 use crate::footing::{Footing, marks_of};
 use crate::frame_service::{self, FrameService, WakeService};
 use crate::header::FrameHeader;
+use crate::prefetch::prefetch;
 use crate::premises;
 use crate::production::Production;
 use crate::quirks::{Ipc, SHARED_MEMORY};
@@ -157,6 +158,14 @@ impl Publisher {
             Err(iceoryx2::port::LoanError::ExceedsMaxLoans) => Err(LoanError::AllOnLoan(self.loans)),
             Err(source) => Err(LoanError::Failed(LoanFailure(source))),
         }
+    }
+
+    /// To be called when a frame is there, and is worked on before it is published: what [`Publisher::publish`] writes to is fetched
+    /// meanwhile.
+    #[inline]
+    pub fn prefetch(&self, slot: &Slot) {
+        prefetch(self.wake_word.kept_in());
+        prefetch(slot.sample.user_header());
     }
 
     /// Sends a filled slot under a copy of `header`, wakes consumers that sleep, and returns how many consumers got it.

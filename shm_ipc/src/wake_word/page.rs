@@ -41,7 +41,7 @@ pub(super) struct Wake {
 /// A [`Production`], on a line that no consumer reads.
 #[derive(Debug, Default)]
 #[repr(C, align(64))]
-pub(super) struct Count {
+pub(crate) struct Count {
     pub(super) counting: AtomicU64,
     pub(super) produced: AtomicU64,
     pub(super) epoch: AtomicU64,
@@ -66,6 +66,11 @@ impl Page {
         // Acquire, paired with the Release in `take_over`.
         self.identity.magic.load(Ordering::Acquire) == MAGIC
             && self.identity.contract_version.load(Ordering::Relaxed) == u32::from(CONTRACT_VERSION)
+    }
+
+    /// What [`Page::keep`] writes to.
+    pub(crate) fn kept_in(&self) -> *const Count {
+        &raw const self.count
     }
 
     /// The driver's side: keeps how far the camera has come for whoever drives it next.
