@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use uvcam_masker::MaskId;
-use uvcam_shm_ipc::{Footing, monotonic_ns};
+use uvcam_shm_ipc::Footing;
 
 use crate::latency::LatencyHistogram;
 
@@ -30,7 +30,7 @@ pub struct Counters {
     /// From the mask applied to the frame sent and sleeping consumers woken.
     pub masked_to_sent: LatencyHistogram,
     temperature: Temperature,
-    last_sign_of_life_ns: AtomicU64,
+    signs_of_life: AtomicU64,
     /// Locked where the mask changes, which is between two frames, and for a copy of 16 bytes.
     mask_id: Mutex<Option<MaskId>>,
     /// Locked where another publisher is made, and once a second for a look at its files.
@@ -76,12 +76,12 @@ impl Counters {
 
     /// Says that the camera's thread is not stuck.
     pub fn live(&self) {
-        self.last_sign_of_life_ns.store(monotonic_ns(), Ordering::Relaxed);
+        add(&self.signs_of_life, 1);
     }
 
-    /// CLOCK_MONOTONIC in ns when the camera's thread last said that it is not stuck; 0 before the first time.
-    pub fn last_sign_of_life_ns(&self) -> u64 {
-        self.last_sign_of_life_ns.load(Ordering::Relaxed)
+    /// How often the camera's thread has said that it is not stuck.
+    pub fn signs_of_life(&self) -> u64 {
+        self.signs_of_life.load(Ordering::Relaxed)
     }
 
     /// Keeps the identity of the mask in force.

@@ -124,6 +124,7 @@ fn attend(
             Err(RecvTimeoutError::Disconnected) => return how_it_went(cameras),
         }
         requests.attend(cameras);
+        cameras.iter_mut().for_each(Running::watch);
         let now = Instant::now();
         if end.is_some_and(|end| now >= end) {
             return how_it_went(cameras);

@@ -31,6 +31,7 @@ mod processes;
 pub mod realtime;
 mod service_manager;
 mod signals;
+mod stuck;
 pub mod supervise;
 mod thread;
 mod told;

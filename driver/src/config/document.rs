@@ -14,7 +14,7 @@ use super::keys::{TOP, Table, keys_of, suggestion};
 use super::reader::{Reader, either};
 use super::realtime::RealtimeTable;
 use super::shared::{Places, Shared};
-use super::source::SourceTable;
+use super::source::{self, SourceTable};
 use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice, MaskMode, Source};
 use crate::camera::Settings;
 
@@ -89,8 +89,8 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
     let place = Text { text, file };
     let reader = Reader(place);
     let parsed = DeTable::parse(text).map_err(|error| place.not_toml(&error))?;
-    reader.check_headings(parsed.get_ref())?;
-    reader.check_sources(parsed.get_ref())?;
+    check_headings(&reader, parsed.get_ref())?;
+    source::check_all(&reader, parsed.get_ref())?;
     let document: Document = serde_path_to_error::deserialize(Deserializer::from(parsed))
         .map_err(|error| place.not_ours(error.inner(), error.path(), &tables()))?;
     let uav =
@@ -98,7 +98,7 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
     let process_memory_mb = document.process_memory_mb.map_or(Ok(PROCESS_MEMORY_MB), |mb| {
         reader.whole("process_memory_mb", mb, "128 to 1048576 MB", 128..=1 << 20)
     })?;
-    let ipc = reader.ipc(document.ipc)?;
+    let ipc = document.ipc.read(&reader)?;
     if document.camera.is_empty() {
         return Err(reader.0.refuse(0..0, "camera", "no [[camera]] table".into(), "at least one camera"));
     }
@@ -106,7 +106,7 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
     let mut shared = Shared::default();
     for table in document.camera {
         let places = table.places();
-        let camera = reader.camera(table, &uav)?;
+        let camera = table.read(&reader, &uav)?;
         shared.check(&reader.0, &camera, &places)?;
         cameras.push(camera);
     }
@@ -120,163 +120,167 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
     })
 }
 
+/// One `[camera]` is no list of cameras, and nothing else is one: a list would be taken for a table, its elements for keys.
+fn check_headings(reader: &Reader<'_>, document: &DeTable<'_>) -> Result<(), ConfigError> {
+    check_single(reader, document, "ipc", "write [ipc]")?;
+    let Some((key, cameras)) = document.get_key_value("camera") else { return Ok(()) };
+    let mistyped = |found: &str| {
+        let write = "write [[camera]] above each camera".into();
+        Err(reader.0.mistyped(key.span().start, "camera", found.into(), write))
+    };
+    let Some(cameras) = cameras.get_ref().as_array() else { return mistyped("a single table") };
+    for camera in cameras.iter() {
+        let Some(camera) = camera.get_ref().as_table() else { return mistyped("a list without tables") };
+        check_single(reader, camera, "source", "write source = { ... }")?;
+        check_single(reader, camera, "generate", "write [camera.generate]")?;
+        check_single(reader, camera, "realtime", "write [camera.realtime]")?;
+    }
+    Ok(())
+}
+
+fn check_single(reader: &Reader<'_>, table: &DeTable<'_>, key: &str, write: &str) -> Result<(), ConfigError> {
+    match table.get_key_value(key) {
+        Some((place, value)) if value.get_ref().is_array() => {
+            Err(reader.0.mistyped(place.span().start, key, "a list".into(), write.into()))
+        }
+        _ => Ok(()),
+    }
+}
+
+impl IpcTable {
+    fn read(self, reader: &Reader<'_>) -> Result<Ipc, ConfigError> {
+        let default = uvcam_shm_ipc::Settings::default();
+        let places = [
+            ("prefix", self.prefix.as_ref().map(Spanned::span)),
+            ("root_path", self.root_path.as_ref().map(Spanned::span)),
+            ("max_subscribers", self.max_subscribers.as_ref().map(Spanned::span)),
+            ("buffer", self.buffer.as_ref().map(Spanned::span)),
+            ("borrowed", self.borrowed.as_ref().map(Spanned::span)),
+        ];
+        let number = |value: Option<Spanned<u64>>, default| {
+            value.map_or(default, |value| usize::try_from(value.into_inner()).unwrap_or(usize::MAX))
+        };
+        let root_path = self.root_path.map(|path| reader.path("root_path", path, "an absolute path"));
+        let mut settings = uvcam_shm_ipc::Settings::new(
+            self.prefix.map_or(default.prefix, Spanned::into_inner),
+            root_path.transpose()?.map_or(default.root_path, PathBuf::from),
+        );
+        settings.max_subscribers = number(self.max_subscribers, default.max_subscribers);
+        settings.buffer = number(self.buffer, default.buffer);
+        settings.borrowed = number(self.borrowed, default.borrowed);
+        if let Err(SettingError { key, found, allowed, .. }) = settings.validate() {
+            // Two keys can be too much together where only one of them is written.
+            let place = places.iter().find(|(name, place)| *name == key && place.is_some());
+            let place = place.or_else(|| places.iter().find(|(_, place)| place.is_some()));
+            let span = place.and_then(|(_, place)| place.clone()).unwrap_or_default();
+            return Err(reader.0.refuse(span, key, found, allowed));
+        }
+        let slots = self.slots.map(|slots| reader.whole("slots", slots, "2 to 64", 2..=64));
+        Ok(Ipc { settings, slots: slots.transpose()?.unwrap_or(6) })
+    }
+}
+
 impl CameraTable {
     fn places(&self) -> Places {
         let (name, source) = (self.name.span(), self.source.get_ref().place());
         let mask = self.mask.as_ref().map_or(name.clone(), Spanned::span);
         Places { name, source, mask }
     }
-}
 
-impl Reader<'_> {
-    /// One `[camera]` is no list of cameras, and nothing else is one: a list would be taken for a table, its elements for keys.
-    fn check_headings(&self, document: &DeTable<'_>) -> Result<(), ConfigError> {
-        self.check_single(document, "ipc", "write [ipc]")?;
-        let Some((key, cameras)) = document.get_key_value("camera") else { return Ok(()) };
-        let mistyped = |found: &str| {
-            let write = "write [[camera]] above each camera".into();
-            Err(self.0.mistyped(key.span().start, "camera", found.into(), write))
-        };
-        let Some(cameras) = cameras.get_ref().as_array() else { return mistyped("a single table") };
-        for camera in cameras.iter() {
-            let Some(camera) = camera.get_ref().as_table() else { return mistyped("a list without tables") };
-            self.check_single(camera, "source", "write source = { ... }")?;
-            self.check_single(camera, "generate", "write [camera.generate]")?;
-            self.check_single(camera, "realtime", "write [camera.realtime]")?;
-        }
-        Ok(())
-    }
-
-    fn check_single(&self, table: &DeTable<'_>, key: &str, write: &str) -> Result<(), ConfigError> {
-        match table.get_key_value(key) {
-            Some((place, value)) if value.get_ref().is_array() => {
-                Err(self.0.mistyped(place.span().start, key, "a list".into(), write.into()))
-            }
-            _ => Ok(()),
-        }
-    }
-
-    fn ipc(&self, table: IpcTable) -> Result<Ipc, ConfigError> {
-        let default = uvcam_shm_ipc::Settings::default();
-        let places = [
-            ("prefix", table.prefix.as_ref().map(Spanned::span)),
-            ("root_path", table.root_path.as_ref().map(Spanned::span)),
-            ("max_subscribers", table.max_subscribers.as_ref().map(Spanned::span)),
-            ("buffer", table.buffer.as_ref().map(Spanned::span)),
-            ("borrowed", table.borrowed.as_ref().map(Spanned::span)),
-        ];
-        let number = |value: Option<Spanned<u64>>, default| {
-            value.map_or(default, |value| usize::try_from(value.into_inner()).unwrap_or(usize::MAX))
-        };
-        let root_path = table.root_path.map(|path| self.path("root_path", path, "an absolute path"));
-        let mut settings = uvcam_shm_ipc::Settings::new(
-            table.prefix.map_or(default.prefix, Spanned::into_inner),
-            root_path.transpose()?.map_or(default.root_path, PathBuf::from),
-        );
-        settings.max_subscribers = number(table.max_subscribers, default.max_subscribers);
-        settings.buffer = number(table.buffer, default.buffer);
-        settings.borrowed = number(table.borrowed, default.borrowed);
-        if let Err(SettingError { key, found, allowed, .. }) = settings.validate() {
-            // Two keys can be too much together where only one of them is written.
-            let place = places.iter().find(|(name, place)| *name == key && place.is_some());
-            let place = place.or_else(|| places.iter().find(|(_, place)| place.is_some()));
-            let span = place.and_then(|(_, place)| place.clone()).unwrap_or_default();
-            return Err(self.0.refuse(span, key, found, allowed));
-        }
-        let slots = table.slots.map(|slots| self.whole("slots", slots, "2 to 64", 2..=64));
-        Ok(Ipc { settings, slots: slots.transpose()?.unwrap_or(6) })
-    }
-
-    fn camera(&self, table: CameraTable, uav: &str) -> Result<CameraConfig, ConfigError> {
-        let side = |key, value| self.whole::<u32>(key, value, "1 to 16384 px", 1..=LARGEST_SIDE);
+    fn read(self, reader: &Reader<'_>, uav: &str) -> Result<CameraConfig, ConfigError> {
+        let side = |key, value| reader.whole::<u32>(key, value, "1 to 16384 px", 1..=LARGEST_SIDE);
         let offset = |key, value: Option<_>| match value {
-            Some(value) => self.whole(key, value, "0 to 16384 px", 0..=LARGEST_SIDE),
+            Some(value) => reader.whole(key, value, "0 to 16384 px", 0..=LARGEST_SIDE),
             None => Ok(0),
         };
         let binning = |key, value: Option<_>| match value {
-            Some(value) => self.whole(key, value, "1 to 16", 1..=16),
+            Some(value) => reader.whole(key, value, "1 to 16", 1..=16),
             None => Ok(1),
         };
-        let pixel_format = match table.pixel_format {
+        let pixel_format = match self.pixel_format {
             None => PixelFormat::Mono8,
             Some(name) => name.get_ref().parse().map_err(|_| {
                 let known = PixelFormat::ALL.map(PixelFormat::name);
                 let found = format!("\"{}\"{}", name.get_ref(), suggestion(name.get_ref(), &known));
-                self.0.refuse(name.span(), "pixel_format", found, &either(&known))
+                reader.0.refuse(name.span(), "pixel_format", found, &either(&known))
             })?,
         };
         let settings = Settings {
-            width: side("width", table.width)?,
-            height: side("height", table.height)?,
-            offset_x: offset("offset_x", table.offset_x)?,
-            offset_y: offset("offset_y", table.offset_y)?,
-            binning_horizontal: binning("binning_horizontal", table.binning_horizontal)?,
-            binning_vertical: binning("binning_vertical", table.binning_vertical)?,
+            width: side("width", self.width)?,
+            height: side("height", self.height)?,
+            offset_x: offset("offset_x", self.offset_x)?,
+            offset_y: offset("offset_y", self.offset_y)?,
+            binning_horizontal: binning("binning_horizontal", self.binning_horizontal)?,
+            binning_vertical: binning("binning_vertical", self.binning_vertical)?,
             pixel_format,
-            fps: self.value("fps", table.fps, "0.1 to 10000 frames a second", |fps| {
+            fps: reader.value("fps", self.fps, "0.1 to 10000 frames a second", |fps| {
                 (0.1..=10_000.0).contains(fps)
             })?,
-            exposure_us: self.within("exposure_us", table.exposure_us, &EXPOSURE_US)?,
-            gain_db: table.gain_db.map_or(Ok(0.0), |gain| self.within("gain_db", gain, &GAIN_DB))?,
+            exposure_us: reader.within("exposure_us", self.exposure_us, &EXPOSURE_US)?,
+            gain_db: self.gain_db.map_or(Ok(0.0), |gain| reader.within("gain_db", gain, &GAIN_DB))?,
         };
-        let name = self.value("name", table.name, NAME, |text| is_name(text) && text.len() <= 64)?;
-        let source = self.source(table.source)?;
-        let mask = match table.mask {
-            Some(mask) => self.mask(mask, uav, &name, &source)?,
-            None => self.mask_file(MASK, uav, &name, &source),
+        let name = reader.value("name", self.name, NAME, |text| is_name(text) && text.len() <= 64)?;
+        let source_span = self.source.span();
+        let source = self.source.into_inner().read(reader, source_span)?;
+        let mask = match self.mask {
+            Some(mask) => read_mask(reader, mask, uav, &name, &source)?,
+            None => mask_file(reader, MASK, uav, &name, &source),
         };
-        let mask_mode = self.mask_mode(table.mask_mode, &mask)?;
-        let generate = self.generate(table.generate, &settings)?;
-        let realtime = table.realtime.read(self)?;
+        let mask_mode = read_mask_mode(reader, self.mask_mode, &mask)?;
+        let generate = self.generate.read(reader, &settings)?;
+        let realtime = self.realtime.read(reader)?;
         Ok(CameraConfig { name, source, settings, mask, mask_mode, generate, realtime })
     }
+}
 
-    fn mask(
-        &self,
-        mask: Spanned<String>,
-        uav: &str,
-        name: &str,
-        source: &Source,
-    ) -> Result<MaskChoice, ConfigError> {
-        let span = mask.span();
-        let template = self.path("mask", mask, "a PNG file, or \"none\" to fly without a mask")?;
-        let mistyped = |write: String| self.0.mistyped(span.start, "mask", format!("{template:?}"), write);
-        if template == "none" {
-            return Ok(MaskChoice::None);
-        }
-        if ["none", "no", "off", "false", "null"].contains(&template.trim().to_lowercase().as_str()) {
-            let file = format!("\"./{}\" for a file of this name", template.trim());
-            return Err(mistyped(format!("write \"none\" to fly without a mask, {file}")));
-        }
-        let rest = template.replace("{uav}", "").replace("{camera}", "").replace("{serial}", "");
-        if rest.contains('{') && rest.contains('}') {
-            return Err(mistyped("write {uav}, {serial} or {camera}: only these stand for names".into()));
-        }
-        Ok(self.mask_file(&template, uav, name, source))
+fn read_mask(
+    reader: &Reader<'_>,
+    mask: Spanned<String>,
+    uav: &str,
+    name: &str,
+    source: &Source,
+) -> Result<MaskChoice, ConfigError> {
+    let span = mask.span();
+    let template = reader.path("mask", mask, "a PNG file, or \"none\" to fly without a mask")?;
+    let mistyped = |write: String| reader.0.mistyped(span.start, "mask", format!("{template:?}"), write);
+    if template == "none" {
+        return Ok(MaskChoice::None);
     }
+    if ["none", "no", "off", "false", "null"].contains(&template.trim().to_lowercase().as_str()) {
+        let file = format!("\"./{}\" for a file of this name", template.trim());
+        return Err(mistyped(format!("write \"none\" to fly without a mask, {file}")));
+    }
+    let rest = template.replace("{uav}", "").replace("{camera}", "").replace("{serial}", "");
+    if rest.contains('{') && rest.contains('}') {
+        return Err(mistyped("write {uav}, {serial} or {camera}: only these stand for names".into()));
+    }
+    Ok(mask_file(reader, &template, uav, name, source))
+}
 
-    fn mask_mode(&self, mode: Option<Spanned<String>>, mask: &MaskChoice) -> Result<MaskMode, ConfigError> {
-        let Some(mode) = mode else { return Ok(MaskMode::default()) };
-        let word = mode.get_ref().as_str();
-        match (word, mask) {
-            ("blank", _) => Ok(MaskMode::Blank),
-            ("attach", MaskChoice::File(_)) => Ok(MaskMode::Attach),
-            ("attach", MaskChoice::None) => {
-                let allowed = "\"blank\" where mask is \"none\": there is none to attach";
-                Err(self.0.refuse(mode.span(), "mask_mode", format!("\"{word}\""), allowed))
-            }
-            _ => {
-                let found = format!("\"{word}\"{}", suggestion(word, &["blank", "attach"]));
-                Err(self.0.refuse(mode.span(), "mask_mode", found, "\"blank\" or \"attach\""))
-            }
+fn read_mask_mode(
+    reader: &Reader<'_>,
+    mode: Option<Spanned<String>>,
+    mask: &MaskChoice,
+) -> Result<MaskMode, ConfigError> {
+    let Some(mode) = mode else { return Ok(MaskMode::default()) };
+    let word = mode.get_ref().as_str();
+    match (word, mask) {
+        ("blank", _) => Ok(MaskMode::Blank),
+        ("attach", MaskChoice::File(_)) => Ok(MaskMode::Attach),
+        ("attach", MaskChoice::None) => {
+            let allowed = "\"blank\" where mask is \"none\": there is none to attach";
+            Err(reader.0.refuse(mode.span(), "mask_mode", format!("\"{word}\""), allowed))
+        }
+        _ => {
+            let found = format!("\"{word}\"{}", suggestion(word, &["blank", "attach"]));
+            Err(reader.0.refuse(mode.span(), "mask_mode", found, "\"blank\" or \"attach\""))
         }
     }
+}
 
-    fn mask_file(&self, template: &str, uav: &str, name: &str, source: &Source) -> MaskChoice {
-        let file =
-            template.replace("{uav}", uav).replace("{camera}", name).replace("{serial}", source.serial());
-        MaskChoice::File(self.resolve(file.as_ref()))
-    }
+fn mask_file(reader: &Reader<'_>, template: &str, uav: &str, name: &str, source: &Source) -> MaskChoice {
+    let file = template.replace("{uav}", uav).replace("{camera}", name).replace("{serial}", source.serial());
+    MaskChoice::File(reader.resolve(file.as_ref()))
 }
 
 fn is_name(text: &str) -> bool {

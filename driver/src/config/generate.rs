@@ -26,15 +26,12 @@ pub(super) struct GenerateTable {
     kappa: Option<Spanned<u32>>,
 }
 
-impl Reader<'_> {
-    pub(super) fn generate(
-        &self,
-        table: GenerateTable,
-        settings: &Settings,
-    ) -> Result<Generate, ConfigError> {
+impl GenerateTable {
+    /// `settings` are those of the camera in flight, whose size a preset needs.
+    pub(super) fn read(self, reader: &Reader<'_>, settings: &Settings) -> Result<Generate, ConfigError> {
         let default = Generate::default();
-        let parameters = self.parameters(&table)?;
-        let mut ignored = match table.camera_place {
+        let parameters = self.parameters(reader)?;
+        let mut ignored = match self.camera_place {
             None => IgnoredRegion::default(),
             Some(place) => {
                 let preset = match place.get_ref().as_str() {
@@ -43,7 +40,7 @@ impl Reader<'_> {
                     "back" => CameraPlace::Back,
                     other => {
                         let allowed = "\"left\", \"right\" or \"back\"";
-                        return Err(self.0.refuse(
+                        return Err(reader.0.refuse(
                             place.span(),
                             "camera_place",
                             format!("\"{other}\""),
@@ -54,20 +51,20 @@ impl Reader<'_> {
                 IgnoredRegion::preset(preset, settings.width, settings.height)
             }
         };
-        for text in table.ignore.unwrap_or_default() {
+        for text in self.ignore.unwrap_or_default() {
             let allowed = "x0:x1:y0:y1 in pixels, an empty end for the image border";
             let found = || format!("\"{}\"", text.get_ref());
             let rectangle = text.get_ref().parse();
             ignored
                 .rectangles
-                .push(rectangle.map_err(|_| self.0.refuse(text.span(), "ignore", found(), allowed))?);
+                .push(rectangle.map_err(|_| reader.0.refuse(text.span(), "ignore", found(), allowed))?);
         }
-        for polygon in table.ignore_polygons.unwrap_or_default() {
+        for polygon in self.ignore_polygons.unwrap_or_default() {
             let points = polygon.iter().map(|point| match point.get_ref().as_slice() {
                 [x, y] => Ok((*x, *y)),
                 other => {
                     let found = format!("{} numbers", other.len());
-                    Err(self.0.refuse(
+                    Err(reader.0.refuse(
                         point.span(),
                         "ignore_polygons",
                         found,
@@ -77,8 +74,8 @@ impl Reader<'_> {
             });
             ignored.polygons.push(points.collect::<Result<_, _>>()?);
         }
-        let exposure_us = table.exposure_us.map(|time| self.within("exposure_us", time, &EXPOSURE_US));
-        let gain_db = table.gain_db.map(|gain| self.within("gain_db", gain, &GAIN_DB));
+        let exposure_us = self.exposure_us.map(|time| reader.within("exposure_us", time, &EXPOSURE_US));
+        let gain_db = self.gain_db.map(|gain| reader.within("gain_db", gain, &GAIN_DB));
         Ok(Generate {
             exposure_us: exposure_us.unwrap_or(Ok(default.exposure_us))?,
             gain_db: gain_db.unwrap_or(Ok(default.gain_db))?,
@@ -88,31 +85,31 @@ impl Reader<'_> {
     }
 
     /// The parameters of the methods, which know their own bounds.
-    fn parameters(&self, table: &GenerateTable) -> Result<Parameters, ConfigError> {
+    fn parameters(&self, reader: &Reader<'_>) -> Result<Parameters, ConfigError> {
         let places = [
-            ("sigma", table.sigma.as_ref().map(Spanned::span)),
-            ("eta", table.eta.as_ref().map(Spanned::span)),
-            ("leaf", table.leaf.as_ref().map(Spanned::span)),
-            ("k", table.k.as_ref().map(Spanned::span)),
-            ("tau", table.tau.as_ref().map(Spanned::span)),
-            ("kappa", table.kappa.as_ref().map(Spanned::span)),
+            ("sigma", self.sigma.as_ref().map(Spanned::span)),
+            ("eta", self.eta.as_ref().map(Spanned::span)),
+            ("leaf", self.leaf.as_ref().map(Spanned::span)),
+            ("k", self.k.as_ref().map(Spanned::span)),
+            ("tau", self.tau.as_ref().map(Spanned::span)),
+            ("kappa", self.kappa.as_ref().map(Spanned::span)),
         ];
         let refused = |error: ParameterError| {
             let place = places.iter().find(|(name, _)| *name == error.name());
             let span = place.and_then(|(_, place)| place.clone()).unwrap_or_default();
-            self.0.refuse(span, error.name(), shortened(&error.found()), &error.allowed())
+            reader.0.refuse(span, error.name(), shortened(&error.found()), &error.allowed())
         };
         let published = Parameters::default();
         let or = |value: &Option<Spanned<u32>>, published| {
             value.as_ref().map_or(published, |value| *value.get_ref())
         };
         let parameters = Parameters {
-            sigma: Parameters::sigma_from(or(&table.sigma, published.sigma.into())).map_err(refused)?,
-            eta: or(&table.eta, published.eta),
-            leaf: or(&table.leaf, published.leaf),
-            k: or(&table.k, published.k),
-            tau: table.tau.as_ref().map_or(published.tau, |tau| *tau.get_ref()),
-            kappa: or(&table.kappa, published.kappa),
+            sigma: Parameters::sigma_from(or(&self.sigma, published.sigma.into())).map_err(refused)?,
+            eta: or(&self.eta, published.eta),
+            leaf: or(&self.leaf, published.leaf),
+            k: or(&self.k, published.k),
+            tau: self.tau.as_ref().map_or(published.tau, |tau| *tau.get_ref()),
+            kappa: or(&self.kappa, published.kappa),
         };
         parameters.check().map_err(refused)?;
         Ok(parameters)

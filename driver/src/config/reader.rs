@@ -1,7 +1,7 @@
 //! Takes one value after another, or refuses it with its line.
 
 use std::fmt::Display;
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
 
 use toml::Spanned;
@@ -87,6 +87,11 @@ impl Reader<'_> {
             return Err(self.0.refuse(span, key, shown(), "a path without control characters"));
         }
         Ok(path)
+    }
+
+    /// Why a table that lacks `key` is refused.
+    pub(super) fn missing(&self, key: &str, span: Range<usize>) -> ConfigError {
+        self.0.refuse(span, key, "nothing".into(), "this key must be written")
     }
 
     /// A relative path starts at the configuration's folder.

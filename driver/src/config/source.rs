@@ -8,7 +8,7 @@ use toml::Spanned;
 use toml::de::DeTable;
 use uvcam_shm_ipc::control::EXPOSURE_US;
 
-use super::faults::FaultTable;
+use super::faults::{self, FaultTable};
 use super::keys::{nearest, suggestion};
 use super::links::resolved;
 use super::reader::{Reader, either};
@@ -44,138 +44,67 @@ impl SourceTable {
         let path = self.path.as_ref().map(Spanned::span);
         serial.or(path).unwrap_or_else(|| self.kind.span())
     }
-}
 
-impl Reader<'_> {
-    /// Refuses kinds that there are not, and keys that are not of the kind: they would be ignored in silence. What else is wrong is told
-    /// later.
-    pub(super) fn check_sources(&self, document: &DeTable<'_>) -> Result<(), ConfigError> {
-        let cameras = document.get("camera").and_then(|cameras| cameras.get_ref().as_array());
-        let tables = cameras.into_iter().flat_map(|cameras| cameras.iter());
-        for camera in tables.filter_map(|camera| camera.get_ref().as_table()) {
-            if let Some(source) = camera.get("source").and_then(|source| source.get_ref().as_table()) {
-                self.check_source(source)?;
-            }
-        }
-        Ok(())
-    }
-
-    fn check_source(&self, source: &DeTable<'_>) -> Result<(), ConfigError> {
-        let Some((_, kind)) = source.get_key_value("kind") else { return self.without_kind(source) };
-        let (place, Some(kind)) = (kind.span(), kind.get_ref().as_str()) else { return Ok(()) };
-        let Some((kind, known)) = KINDS.iter().find(|(name, _)| *name == kind) else {
-            let found = format!("\"{kind}\"{}", suggestion(kind, &KINDS.map(|(name, _)| name)));
-            return Err(self.0.refuse(place, "kind", found, &kinds()));
-        };
-        self.check_built_in(place, kind, is_built_in(kind))?;
-        let strange =
-            source.keys().filter(|key| key.get_ref() != "kind" && !known.contains(&key.get_ref().as_ref()));
-        let Some(key) = strange.min_by_key(|key| key.span().start) else { return Ok(()) };
-        let (place, key) = (key.span(), key.get_ref());
-        let owners: Vec<&str> =
-            KINDS.iter().filter(|(_, keys)| keys.contains(&key.as_ref())).map(|(name, _)| *name).collect();
-        let keys = known.join(", ");
-        Err(match owners.is_empty() {
-            true => {
-                let found = format!("an unknown key{}", suggestion(key, known));
-                self.0.refuse(place, key, found, &format!("{keys} in a source of kind \"{kind}\""))
-            }
-            false => {
-                let owners = owners.join("\" or \"");
-                let allowed = format!(
-                    "no such key in a source of kind \"{kind}\" but {keys}; it is one of kind \"{owners}\""
-                );
-                self.0.refuse(place, key, "a value".into(), &allowed)
-            }
-        })
-    }
-
-    /// What this program cannot open is refused before it flies.
-    pub(super) fn check_built_in(
-        &self,
-        place: Range<usize>,
-        kind: &'static str,
-        is_built_in: bool,
-    ) -> Result<(), ConfigError> {
-        match is_built_in {
-            true => Ok(()),
-            false => {
-                Err(ConfigError::NotBuiltIn { place: self.0.place(place.start), kind, built_in: kinds() })
-            }
-        }
-    }
-
-    /// Another word may stand for it.
-    fn without_kind(&self, source: &DeTable<'_>) -> Result<(), ConfigError> {
-        match source.keys().find(|key| nearest(key.get_ref(), &["kind"]).is_some()) {
-            Some(key) => {
-                let found = format!("an unknown key{}", suggestion(key.get_ref(), &["kind"]));
-                Err(self.0.refuse(key.span(), key.get_ref(), found, &format!("kind = {}", kinds())))
-            }
-            None => Ok(()),
-        }
-    }
-
-    pub(super) fn source(&self, table: Spanned<SourceTable>) -> Result<Source, ConfigError> {
-        let (span, table) = (table.span(), table.into_inner());
-        match table.kind.get_ref().as_str() {
-            "aravis" => Ok(Source::Aravis { serial: self.serial(table.serial, span)? }),
+    /// `span` is where it stands, for what it lacks. It was checked by [`check_all`].
+    pub(super) fn read(self, reader: &Reader<'_>, span: Range<usize>) -> Result<Source, ConfigError> {
+        match self.kind.get_ref().as_str() {
+            "aravis" => Ok(Source::Aravis { serial: read_serial(reader, self.serial, span)? }),
             "replay" => {
-                let path = table.path.ok_or_else(|| self.missing("path", span))?;
+                let path = self.path.ok_or_else(|| reader.missing("path", span))?;
                 Ok(Source::Replay {
-                    path: self.resolve(self.path("path", path, "a folder of PNG files")?.as_ref()),
+                    path: reader.resolve(reader.path("path", path, "a folder of PNG files")?.as_ref()),
                 })
             }
-            "v4l2" => self.v4l2(table, span).map(Source::V4l2),
-            // `check_sources` has refused all others.
-            _ => self.simulated(table, span).map(Source::Simulated),
+            "v4l2" => self.v4l2(reader, span).map(Source::V4l2),
+            // `check_all` has refused all others.
+            _ => self.simulated(reader, span).map(Source::Simulated),
         }
     }
 
-    fn simulated(&self, table: SourceTable, span: Range<usize>) -> Result<Simulated, ConfigError> {
+    fn simulated(self, reader: &Reader<'_>, span: Range<usize>) -> Result<Simulated, ConfigError> {
         Ok(Simulated {
-            serial: self.serial(table.serial, span)?,
-            still: table.still.is_some_and(Spanned::into_inner),
-            readout_us: self.value_or(
+            serial: read_serial(reader, self.serial, span)?,
+            still: self.still.is_some_and(Spanned::into_inner),
+            readout_us: reader.value_or(
                 "readout_us",
-                table.readout_us,
+                self.readout_us,
                 0.0,
                 "0 to 10000000 microseconds",
                 |us| (0.0..=1e7).contains(us),
             )?,
-            faults: self.faults(table.faults.map(Spanned::into_inner).unwrap_or_default())?,
+            faults: faults::read(self.faults.map(Spanned::into_inner).unwrap_or_default(), reader)?,
         })
     }
 
-    fn v4l2(&self, table: SourceTable, span: Range<usize>) -> Result<V4l2, ConfigError> {
-        let device = match (table.path, table.serial) {
+    fn v4l2(self, reader: &Reader<'_>, span: Range<usize>) -> Result<V4l2, ConfigError> {
+        let device = match (self.path, self.serial) {
             (Some(path), None) => {
-                let path = self.path("path", path, "a device node, or a link to one")?;
-                V4l2Device::Path(self.resolve(path.as_ref()))
+                let path = reader.path("path", path, "a device node, or a link to one")?;
+                V4l2Device::Path(reader.resolve(path.as_ref()))
             }
-            (None, Some(serial)) => V4l2Device::Serial(self.serial(Some(serial), span)?),
+            (None, Some(serial)) => V4l2Device::Serial(read_serial(reader, Some(serial), span)?),
             (Some(_), Some(_)) => {
                 let found = "both path and serial".into();
-                return Err(self.0.refuse(span, "source", found, "one of them"));
+                return Err(reader.0.refuse(span, "source", found, "one of them"));
             }
-            (None, None) => return Err(self.missing("path or serial", span)),
+            (None, None) => return Err(reader.missing("path or serial", span)),
         };
-        let memory = match table.memory {
+        let memory = match self.memory {
             None => None,
             Some(name) => Some(match name.get_ref().as_str() {
                 "userptr" => V4l2Memory::UserPointer,
                 "mmap" => V4l2Memory::Mapped,
                 other => {
                     let (found, allowed) = (format!("\"{other}\""), "\"userptr\" or \"mmap\"");
-                    return Err(self.0.refuse(name.span(), "memory", found, allowed));
+                    return Err(reader.0.refuse(name.span(), "memory", found, allowed));
                 }
             }),
         };
-        let gain_step_db = table.gain_step_db.map(|step| {
-            self.value("gain_step_db", step, "0.001 to 20 decibels", |db| (0.001..=20.0).contains(db))
+        let gain_step_db = self.gain_step_db.map(|step| {
+            reader.value("gain_step_db", step, "0.001 to 20 decibels", |db| (0.001..=20.0).contains(db))
         });
         let fixed_exposure_us =
-            table.fixed_exposure_us.map(|time| self.within("fixed_exposure_us", time, &EXPOSURE_US));
+            self.fixed_exposure_us.map(|time| reader.within("fixed_exposure_us", time, &EXPOSURE_US));
         Ok(V4l2 {
             device,
             memory,
@@ -183,17 +112,84 @@ impl Reader<'_> {
             fixed_exposure_us: fixed_exposure_us.transpose()?,
         })
     }
+}
 
-    /// Without the spaces around it: some devices pad theirs, and are compared without them.
-    fn serial(&self, serial: Option<Spanned<String>>, span: Range<usize>) -> Result<String, ConfigError> {
-        let serial = serial.ok_or_else(|| self.missing("serial", span))?;
-        let serial = self.value("serial", serial, "the camera's serial", |text| !text.trim().is_empty())?;
-        Ok(serial.trim().to_owned())
+/// Refuses kinds that there are not, and keys that are not of the kind: they would be ignored in silence. What else is wrong is told
+/// later.
+pub(super) fn check_all(reader: &Reader<'_>, document: &DeTable<'_>) -> Result<(), ConfigError> {
+    let cameras = document.get("camera").and_then(|cameras| cameras.get_ref().as_array());
+    let tables = cameras.into_iter().flat_map(|cameras| cameras.iter());
+    for camera in tables.filter_map(|camera| camera.get_ref().as_table()) {
+        if let Some(source) = camera.get("source").and_then(|source| source.get_ref().as_table()) {
+            check(reader, source)?;
+        }
     }
+    Ok(())
+}
 
-    fn missing(&self, key: &str, span: Range<usize>) -> ConfigError {
-        self.0.refuse(span, key, "nothing".into(), "this key must be written")
+fn check(reader: &Reader<'_>, source: &DeTable<'_>) -> Result<(), ConfigError> {
+    let Some((_, kind)) = source.get_key_value("kind") else { return without_kind(reader, source) };
+    let (place, Some(kind)) = (kind.span(), kind.get_ref().as_str()) else { return Ok(()) };
+    let Some((kind, known)) = KINDS.iter().find(|(name, _)| *name == kind) else {
+        let found = format!("\"{kind}\"{}", suggestion(kind, &KINDS.map(|(name, _)| name)));
+        return Err(reader.0.refuse(place, "kind", found, &kinds()));
+    };
+    check_built_in(reader, place, kind, is_built_in(kind))?;
+    let strange =
+        source.keys().filter(|key| key.get_ref() != "kind" && !known.contains(&key.get_ref().as_ref()));
+    let Some(key) = strange.min_by_key(|key| key.span().start) else { return Ok(()) };
+    let (place, key) = (key.span(), key.get_ref());
+    let owners: Vec<&str> =
+        KINDS.iter().filter(|(_, keys)| keys.contains(&key.as_ref())).map(|(name, _)| *name).collect();
+    let keys = known.join(", ");
+    Err(match owners.is_empty() {
+        true => {
+            let found = format!("an unknown key{}", suggestion(key, known));
+            reader.0.refuse(place, key, found, &format!("{keys} in a source of kind \"{kind}\""))
+        }
+        false => {
+            let owners = owners.join("\" or \"");
+            let allowed = format!(
+                "no such key in a source of kind \"{kind}\" but {keys}; it is one of kind \"{owners}\""
+            );
+            reader.0.refuse(place, key, "a value".into(), &allowed)
+        }
+    })
+}
+
+/// What this program cannot open is refused before it flies.
+fn check_built_in(
+    reader: &Reader<'_>,
+    place: Range<usize>,
+    kind: &'static str,
+    is_built_in: bool,
+) -> Result<(), ConfigError> {
+    match is_built_in {
+        true => Ok(()),
+        false => Err(ConfigError::NotBuiltIn { place: reader.0.place(place.start), kind, built_in: kinds() }),
     }
+}
+
+/// Another word may stand for it.
+fn without_kind(reader: &Reader<'_>, source: &DeTable<'_>) -> Result<(), ConfigError> {
+    match source.keys().find(|key| nearest(key.get_ref(), &["kind"]).is_some()) {
+        Some(key) => {
+            let found = format!("an unknown key{}", suggestion(key.get_ref(), &["kind"]));
+            Err(reader.0.refuse(key.span(), key.get_ref(), found, &format!("kind = {}", kinds())))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Without the spaces around it: some devices pad theirs, and are compared without them.
+fn read_serial(
+    reader: &Reader<'_>,
+    serial: Option<Spanned<String>>,
+    span: Range<usize>,
+) -> Result<String, ConfigError> {
+    let serial = serial.ok_or_else(|| reader.missing("serial", span))?;
+    let serial = reader.value("serial", serial, "the camera's serial", |text| !text.trim().is_empty())?;
+    Ok(serial.trim().to_owned())
 }
 
 /// A device that one camera alone can have.
@@ -276,8 +272,8 @@ mod tests {
         let text = text("aravis");
         let reader = Reader(Text { text: &text, file: Path::new(FILE) });
         let place = text.find("\"aravis\"").unwrap();
-        reader.check_built_in(place..place, "aravis", true).unwrap();
-        let message = reader.check_built_in(place..place, "aravis", false).unwrap_err().to_string();
+        check_built_in(&reader, place..place, "aravis", true).unwrap();
+        let message = check_built_in(&reader, place..place, "aravis", false).unwrap_err().to_string();
         let start = "/etc/uvcam/uvcam.toml:3: kind: found \"aravis\", and this uvcam was built without it; install one that has it (build \
                      with the Cargo feature aravis), or write a kind that this one has: ";
         assert_eq!(message, format!("{start}{}", kinds()));

@@ -18,12 +18,11 @@ use crate::health::Reporter;
 use crate::mask::{MaskInForce, MaskService};
 use crate::memory;
 use crate::service_manager::Condition;
+use crate::stuck::{STUCK, StuckDetector};
 use crate::supervise::{State, Supervisor};
 use crate::thread::spawn;
 use crate::told::Told;
 
-/// A camera's thread from which nothing was heard for this long is stuck: the longest calls of a library give up after five seconds.
-const STUCK: Duration = Duration::from_secs(10);
 /// A camera that streams for this long works; what it did before is forgotten by the log.
 const STEADY: Duration = Duration::from_secs(10);
 /// Time between looks at a thread that is to end.
@@ -35,6 +34,7 @@ pub(super) struct Running {
     counters: Arc<Counters>,
     pub(super) worker: Worker,
     state: Option<State>,
+    stuck_detector: StuckDetector,
     is_stuck: bool,
     commands: Sender<Command>,
     thread: JoinHandle<()>,
@@ -82,7 +82,6 @@ impl Running {
             stop.clone(),
         );
         let masks = supervisor.masks();
-        counters.live();
         let (realtime, name) = (camera.realtime.clone(), camera.name.clone());
         let thread = spawn(&camera.name, move || {
             realtime.apply(&name);
@@ -94,6 +93,7 @@ impl Running {
             counters,
             worker,
             state: None,
+            stuck_detector: StuckDetector::new(Instant::now()),
             is_stuck: false,
             commands,
             thread,
@@ -197,7 +197,6 @@ impl Running {
         self.frame_rate = now.1.saturating_sub(self.last_tick.1) as f64 / seconds;
         self.last_tick = now;
         self.health.set_frame_rate(self.frame_rate);
-        self.watch(now.0);
         if let Some(text) = memory::nearly_all_taken().and_then(|text| self.told.due(&text, Instant::now())) {
             tracing::warn!("{}: {text}", self.config.name);
         }
@@ -237,27 +236,28 @@ impl Running {
         self.health.serve_newcomers();
     }
 
-    /// Looks whether the camera's thread is stuck in a call of a library, or free again.
-    fn watch(&mut self, now_ns: u64) {
-        let silent = Duration::from_nanos(now_ns.saturating_sub(self.counters.last_sign_of_life_ns()));
-        // A thread that collects lit frames is watched by whoever requested them.
-        let is_stuck = silent > STUCK && !matches!(self.state, Some(State::Generating));
-        if is_stuck {
+    /// Looks whether the camera's thread is stuck in a call of a library, or free again. To be called a few times a second.
+    pub(super) fn watch(&mut self) {
+        let silence = self.stuck_detector.look(&self.counters, Instant::now());
+        let was_stuck = std::mem::replace(&mut self.is_stuck, silence.is_some());
+        if let Some(silent) = silence {
             let text = format!("nothing heard of its thread for {} s", silent.as_secs());
-            if !self.is_stuck {
+            if !was_stuck {
                 tracing::error!(
                     "{}: {text}: a call into the camera's library does not return",
                     self.config.name
                 );
             }
             self.health.set_stuck(&text);
-        } else if self.is_stuck {
+        } else if was_stuck {
             tracing::warn!("{}: its thread goes on", self.config.name);
             if let Some(state) = &self.state {
                 self.health.set_state(state);
             }
         }
-        self.is_stuck = is_stuck;
+        if was_stuck != self.is_stuck {
+            self.health.publish(&self.counters);
+        }
     }
 
     /// The camera in a few words.

@@ -9,6 +9,7 @@ use uvcam_shm_ipc::{PixelFormat, Publisher, Slot, monotonic_ns};
 use super::candidate::Generated;
 use super::{Generator, Request};
 use crate::camera::{Applied, Camera, CameraError, Event, Identity, Settings};
+use crate::counters::Counters;
 use crate::error::Error;
 
 /// Longest wait for a frame before the thread looks whether it is to end.
@@ -26,6 +27,8 @@ pub struct Collector<'a> {
     pub publisher: &'a Publisher,
     /// How many slots the camera fills in turn.
     pub slots: usize,
+    /// Where other threads see that this one is not stuck.
+    pub counters: &'a Counters,
 }
 
 /// Lit frames, in the generator that has seen them, and the light that they were taken in.
@@ -57,6 +60,7 @@ impl Collector<'_> {
         is_over: impl Fn() -> bool,
         progress: impl Fn(Progress),
     ) -> Result<LitFrames, Error> {
+        self.counters.live();
         let applied = self.camera.configure(&request.settings(self.flight))?;
         let mut generator = Generator::new(request);
         for _ in 0..self.slots {
@@ -66,6 +70,7 @@ impl Collector<'_> {
         let patience_ns = SILENCE_NS.max((3e9 / applied.fps) as u64);
         let mut last_frame_ns = monotonic_ns();
         while !is_over() {
+            self.counters.live();
             match self.camera.next(PATIENCE)? {
                 Event::Complete(mut capture) => {
                     last_frame_ns = capture.arrival_monotonic_ns;

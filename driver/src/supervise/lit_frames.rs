@@ -51,8 +51,12 @@ impl Supervisor {
     /// The same for a camera that publishes nothing, which is closed again.
     pub(super) fn generate_while_closed(&mut self, task: Task) {
         match self.open() {
-            // What went wrong was told.
-            Ok(mut camera) => drop(self.generate(camera.as_mut(), task)),
+            Ok(mut camera) => {
+                // What went wrong was told.
+                if self.generate(camera.as_mut(), task).is_err() {
+                    self.closing.close(&self.camera.name, camera);
+                }
+            }
             Err(error) => self.tell(News::Collected(task.cancel, Box::new(Err(error.into())))),
         }
     }
@@ -67,13 +71,15 @@ impl Supervisor {
         let flight = self.camera.settings.clone();
         let collected = self.publisher_for(flight.frame_bytes()).and_then(|publisher| {
             let slots = self.ipc.slots;
+            let counters = &*self.counters;
             let mut collector =
-                Collector { camera: &mut *camera, flight: &flight, publisher: &publisher, slots };
+                Collector { camera: &mut *camera, flight: &flight, publisher: &publisher, slots, counters };
             let is_over = || self.stopped() || cancel.is_cancelled();
             let collected = collector.run(request, is_over, |progress| self.tell(News::Progress(progress)));
             self.publisher = Some(publisher);
             collected
         });
+        self.counters.live();
         camera.stop();
         let restored = camera.configure(&flight);
         let collected = match &restored {

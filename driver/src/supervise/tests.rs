@@ -5,9 +5,10 @@ use std::sync::mpsc::Sender;
 
 use super::*;
 use crate::config::MaskChoice;
-use script::{Ending, Opening, Rig, task};
+use script::{Ending, Lit, Opening, Rig, task};
 
 mod script;
+mod time;
 
 /// A device that is there and fails at once.
 const FAILING: Opening = Opening::Device { serial: "A", frames: 0, ending: Ending::AtConfigure };
@@ -168,6 +169,38 @@ fn a_camera_that_does_not_take_its_flight_settings_back_is_told_and_not_flown() 
     let after = lines.iter().skip_while(|line| *line != done).skip(1);
     assert_eq!(after.take(2).collect::<Vec<_>>(), ["close A", FAILED]);
     assert_eq!(counters.failures.load(Ordering::Relaxed), 1);
+}
+
+/// The journal of a camera of which lit frames are asked for, while it streams or while it is closed for want of a mask.
+fn collecting(lit: Lit, mask: MaskChoice) -> Vec<String> {
+    let mut rig = Rig::new([Opening::Device { serial: "A", frames: 5, ending: Ending::DriverStops }]);
+    rig.lit = lit;
+    let when = if mask == MaskChoice::None { "streaming A" } else { "refused: mask refused" };
+    rig.mask = mask;
+    rig.on(when, |commands| {
+        send(commands, Command::Generate(task()));
+        send(commands, Command::Mask(None));
+    });
+    rig.run()
+}
+
+#[test]
+fn a_camera_whose_lit_frames_take_long_is_not_stuck() {
+    for mask in [MaskChoice::None, MaskChoice::File("/nowhere/left.png".into())] {
+        let journal = collecting(Lit::Slow { seconds: 60 }, mask);
+        assert!(journal.contains(&"done: light of A".to_owned()), "{journal:?}");
+        assert!(!journal.iter().any(|line| line.starts_with("stuck")), "{journal:?}");
+    }
+}
+
+#[test]
+fn a_camera_that_hangs_while_lit_frames_are_collected_is_stuck() {
+    for mask in [MaskChoice::None, MaskChoice::File("/nowhere/left.png".into())] {
+        let journal = collecting(Lit::Hang { seconds: 60 }, mask);
+        let lit = journal.iter().skip_while(|line| *line != "configure A: 5000 us").skip(1);
+        let told = lit.take(3).map(String::as_str);
+        assert_eq!(told.collect::<Vec<_>>(), ["start A", "stuck for 10 s", "stop A"], "{journal:?}");
+    }
 }
 
 #[test]

@@ -55,6 +55,11 @@ pub(super) enum Taken {
 impl Ahead {
     /// Starts to read pictures of `size`, columns and rows, from the first one on.
     pub(super) fn start(folder: Arc<Folder>, size: (u32, u32)) -> io::Result<Self> {
+        Ahead::start_with(move |frame_id| read(&folder, frame_id, size))
+    }
+
+    /// The same with whatever reads the picture of a frame, or says what is wrong with it.
+    fn start_with(read: impl Fn(u64) -> Result<GrayImage, String> + Send + 'static) -> io::Result<Self> {
         let (sender, pictures) = sync_channel(AHEAD);
         let wanted = Arc::new(AtomicU64::new(0));
         let asked = wanted.clone();
@@ -62,7 +67,7 @@ impl Ahead {
         let thread = Builder::new().name(name).spawn(move || {
             // The camera's thread comes first where both share a core.
             realtime::leave();
-            read_all(&folder, size, &sender, &asked);
+            read_all(read, &sender, &asked);
         })?;
         Ok(Ahead { pictures: Some(pictures), wanted, thread: Some(thread) })
     }
@@ -97,13 +102,16 @@ impl Drop for Ahead {
 }
 
 /// Reads one picture after another until nobody receives.
-fn read_all(folder: &Folder, size: (u32, u32), pictures: &SyncSender<Picture>, wanted: &AtomicU64) {
+fn read_all(
+    read: impl Fn(u64) -> Result<GrayImage, String>,
+    pictures: &SyncSender<Picture>,
+    wanted: &AtomicU64,
+) {
     let mut frame_id = 0;
     let mut is_told = false;
     loop {
         frame_id = wanted.load(Ordering::Relaxed).max(frame_id);
-        let read = read(folder, frame_id, size);
-        let pixels = read.map(GrayImage::into_raw).map_err(|cause| {
+        let pixels = read(frame_id).map(GrayImage::into_raw).map_err(|cause| {
             // Once: they come again and again.
             if is_told {
                 debug!("{cause}; its frame is lost");
@@ -134,15 +142,19 @@ fn read(folder: &Folder, frame_id: u64, (width, height): (u32, u32)) -> Result<G
 #[cfg(test)]
 mod tests {
     use std::path::Path;
+    use std::sync::mpsc::channel;
 
     use super::*;
 
     const SIZE: (u32, u32) = (4, 2);
     const NEVER: u64 = u64::MAX;
 
+    fn picture(level: u8) -> GrayImage {
+        GrayImage::from_pixel(SIZE.0, SIZE.1, image::Luma([level]))
+    }
+
     fn write(folder: &Path, index: u8) {
-        let picture = GrayImage::from_pixel(SIZE.0, SIZE.1, image::Luma([index]));
-        picture.save(folder.join(format!("{index}.png"))).unwrap();
+        picture(index).save(folder.join(format!("{index}.png"))).unwrap();
     }
 
     fn ahead_of(folder: &Path) -> Ahead {
@@ -183,22 +195,39 @@ mod tests {
 
     #[test]
     fn what_is_no_longer_wanted_is_left_out() {
-        let folder = tempfile::tempdir().unwrap();
-        (0..100).for_each(|index| write(folder.path(), index));
-        let ahead = ahead_of(folder.path());
+        let (begun, read) = channel();
+        let ahead = Ahead::start_with(move |frame_id| {
+            begun.send(frame_id).unwrap();
+            Ok(picture(frame_id as u8))
+        });
+        let ahead = ahead.unwrap();
         for frame_id in [0, 1, 50, 51, 250] {
-            assert_eq!(ahead.take(frame_id, NEVER), whole((frame_id % 100) as u8));
+            assert_eq!(ahead.take(frame_id, NEVER), whole(frame_id as u8));
+        }
+        drop(ahead);
+        // After one that was taken: all that may wait, and the one that is being read.
+        let after = |taken| taken + AHEAD as u64 + 2;
+        let read: Vec<u64> = read.into_iter().collect();
+        for unwanted in [after(1)..50, after(51)..250] {
+            assert!(!read.iter().any(|frame_id| unwanted.contains(frame_id)), "{unwanted:?} in {read:?}");
         }
     }
 
     #[test]
     fn what_is_late_can_be_asked_for_again() {
-        let folder = tempfile::tempdir().unwrap();
-        (0..2).for_each(|index| write(folder.path(), index));
-        let ahead = ahead_of(folder.path());
-        // A picture far ahead is never there at once.
-        assert_eq!(ahead.take(1001, 0), Taken::Late);
-        assert_eq!(ahead.take(1001, NEVER), whole(1));
+        let (release, held) = channel::<()>();
+        let ahead = Ahead::start_with(move |frame_id| {
+            if frame_id == 1 {
+                // Until it is dropped.
+                let _ = held.recv();
+            }
+            Ok(picture(frame_id as u8))
+        });
+        let ahead = ahead.unwrap();
+        let asked = [ahead.take(0, NEVER), ahead.take(1, 0)];
+        drop(release);
+        assert_eq!(asked, [whole(0), Taken::Late]);
+        assert_eq!(ahead.take(1, NEVER), whole(1));
     }
 
     #[test]

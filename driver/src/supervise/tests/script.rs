@@ -1,14 +1,15 @@
 //! What happens to a supervisor in a test, and what it did.
 
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use uvcam_shm_ipc::control::{GenerateRequest, Method};
 use uvcam_shm_ipc::{Slot, monotonic_ns};
 
+use super::time::{Passing, ScriptedTime};
 use crate::camera::source::CameraSource;
 use crate::camera::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
 use crate::causes::with_causes;
@@ -19,10 +20,11 @@ use crate::frame_path::tests::Place;
 use crate::generate::{CancelToken, Request, Task};
 use crate::realtime::Realtime;
 use crate::supervise::closing::Closing;
-use crate::supervise::time::Time;
 use crate::supervise::{News, Notice, State, Supervisor};
 
 const SLOTS: usize = 2;
+/// Exposure time of lit frames, microseconds.
+const LIT_US: f64 = 5000.0;
 
 /// What comes of an attempt to open the camera.
 #[derive(Debug, Clone, Copy)]
@@ -49,21 +51,32 @@ pub(super) enum Ending {
     DriverStops,
 }
 
+/// How a lit frame lets itself be waited for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Lit {
+    /// It is there at once.
+    AtOnce,
+    /// It comes after so many seconds, and whoever waits hears in between that it has not come yet.
+    Slow { seconds: u64 },
+    /// The library does not return for so many seconds.
+    Hang { seconds: u64 },
+}
+
 #[derive(Clone, Default)]
 pub(super) struct Journal(Arc<Mutex<Vec<String>>>);
 
 impl Journal {
-    fn write(&self, line: String) {
+    pub(super) fn write(&self, line: String) {
         self.0.lock().unwrap().push(line);
     }
 
-    fn count(&self, what: &str) -> usize {
+    pub(super) fn count(&self, what: &str) -> usize {
         self.0.lock().unwrap().iter().filter(|line| line.starts_with(what)).count()
     }
 }
 
 type Reaction = (&'static str, Box<dyn FnOnce(&Sender<Command>) + Send>);
-type AfterPauses = (Duration, Box<dyn FnOnce(usize) + Send>);
+pub(super) type AfterPauses = (Duration, Box<dyn FnOnce(usize) + Send>);
 
 /// A supervisor about to run.
 pub(super) struct Rig {
@@ -72,6 +85,7 @@ pub(super) struct Rig {
     pub(super) mask: MaskChoice,
     /// Those that there can be of the camera's frames; without any, there is no shared memory.
     pub(super) max_subscribers: usize,
+    pub(super) lit: Lit,
     openings: VecDeque<Opening>,
     journal: Journal,
     reaction: Option<Reaction>,
@@ -87,6 +101,7 @@ impl Rig {
             stop: Arc::default(),
             mask: MaskChoice::None,
             max_subscribers: 8,
+            lit: Lit::AtOnce,
             openings: openings.into(),
             journal: Journal::default(),
             reaction: None,
@@ -161,21 +176,16 @@ impl Rig {
             }
         };
         let is_held = self.held.is_some();
-        let passed: Arc<AtomicU64> = Arc::default();
+        let passing = Arc::new(Passing::new(self.counters.clone(), self.journal.clone()));
         let source = ScriptedSource {
             openings: self.openings,
             journal: self.journal.clone(),
             stop: self.stop.clone(),
             held: self.held.map(|held| Arc::new(Mutex::new(held))),
-            passed: passed.clone(),
+            lit: self.lit,
+            passing: passing.clone(),
         };
-        let time = ScriptedTime {
-            start: Instant::now(),
-            passed,
-            slept: AtomicU64::new(0),
-            journal: self.journal.clone(),
-            act: Mutex::new(self.after_pauses),
-        };
+        let time = ScriptedTime::new(passing, self.after_pauses);
         let supervisor =
             Supervisor::new(0, camera, ipc, commands, Box::new(notify), self.counters, self.stop);
         // Without threads nothing but the script decides what comes first.
@@ -195,7 +205,7 @@ impl Rig {
 pub(super) fn task() -> Box<Task> {
     let request = GenerateRequest {
         method: Method::Paper,
-        exposure_us: Some(5000.0),
+        exposure_us: Some(LIT_US),
         gain_db: Some(0.0),
         ..GenerateRequest::default()
     };
@@ -203,42 +213,13 @@ pub(super) fn task() -> Box<Task> {
     Box::new(Task { request, cancel: CancelToken::default() })
 }
 
-/// Time that passes by sleep alone.
-struct ScriptedTime {
-    start: Instant,
-    /// Nanoseconds since then.
-    passed: Arc<AtomicU64>,
-    /// Nanoseconds of them that were slept.
-    slept: AtomicU64,
-    journal: Journal,
-    act: Mutex<Option<AfterPauses>>,
-}
-
-impl Time for ScriptedTime {
-    fn now(&self) -> Instant {
-        self.start + Duration::from_nanos(self.passed.load(Ordering::Relaxed))
-    }
-
-    fn sleep(&self, duration: Duration) {
-        let ns = duration.as_nanos() as u64;
-        self.passed.fetch_add(ns, Ordering::Relaxed);
-        let slept = self.slept.fetch_add(ns, Ordering::Relaxed) + ns;
-        self.journal.write(format!("pause {}", duration.as_millis()));
-        let mut act = self.act.lock().unwrap();
-        if let Some((_, act)) = act.take_if(|(after, _)| slept >= after.as_nanos() as u64) {
-            act(self.journal.count("open "));
-        }
-        // Threads that close cameras take real time.
-        std::thread::yield_now();
-    }
-}
-
 struct ScriptedSource {
     openings: VecDeque<Opening>,
     journal: Journal,
     stop: Arc<AtomicBool>,
     held: Option<Arc<Mutex<Receiver<()>>>>,
-    passed: Arc<AtomicU64>,
+    lit: Lit,
+    passing: Arc<Passing>,
 }
 
 impl CameraSource for ScriptedSource {
@@ -253,7 +234,7 @@ impl CameraSource for ScriptedSource {
             }
             Some(Opening::Absent) => Err(absent()),
             Some(Opening::Slow { seconds }) => {
-                self.passed.fetch_add(seconds * 1_000_000_000, Ordering::Relaxed);
+                self.passing.pass(Duration::from_secs(seconds));
                 Err(CameraError::Device { serial: "A".into(), doing: "opening", cause: "slowly".into() })
             }
             Some(Opening::Device { serial, frames, ending }) => {
@@ -276,6 +257,10 @@ impl CameraSource for ScriptedSource {
                     journal: self.journal.clone(),
                     stop: self.stop.clone(),
                     held: self.held.clone(),
+                    lit: self.lit,
+                    is_lit: false,
+                    waited: Duration::ZERO,
+                    passing: self.passing.clone(),
                 }))
             }
         }
@@ -293,9 +278,33 @@ struct ScriptedCamera {
     journal: Journal,
     stop: Arc<AtomicBool>,
     held: Option<Arc<Mutex<Receiver<()>>>>,
+    lit: Lit,
+    /// Whether it was configured for lit frames.
+    is_lit: bool,
+    /// How long the next frame was waited for.
+    waited: Duration,
+    passing: Arc<Passing>,
 }
 
 impl ScriptedCamera {
+    /// Lets the time pass that the next frame takes, up to `timeout`. Returns whether it is there.
+    fn wait(&mut self, timeout: Duration) -> bool {
+        let (seconds, at_most) = match self.lit {
+            Lit::Slow { seconds } if self.is_lit => (seconds, timeout),
+            Lit::Hang { seconds } if self.is_lit => (seconds, Duration::MAX),
+            _ => return true,
+        };
+        let takes = Duration::from_secs(seconds);
+        let step = (takes - self.waited).min(at_most);
+        self.passing.pass(step);
+        self.waited += step;
+        let is_there = self.waited == takes;
+        if is_there {
+            self.waited = Duration::ZERO;
+        }
+        is_there
+    }
+
     fn tell(&self, what: &str) {
         self.journal.write(format!("{what} {}", self.identity.serial));
     }
@@ -318,6 +327,7 @@ impl Camera for ScriptedCamera {
             return Err(CameraError::Device { serial, doing: "configuring", cause: "by script".into() });
         }
         self.journal.write(format!("configure {}: {} us", self.identity.serial, settings.exposure_us));
+        self.is_lit = settings.exposure_us == LIT_US;
         Ok(Applied::exactly(settings))
     }
 
@@ -332,7 +342,10 @@ impl Camera for ScriptedCamera {
         Ok(())
     }
 
-    fn next(&mut self, _: Duration) -> Result<Event, CameraError> {
+    fn next(&mut self, timeout: Duration) -> Result<Event, CameraError> {
+        if !self.wait(timeout) {
+            return Ok(Event::Timeout);
+        }
         let slot = match self.left {
             0 => None,
             _ => self.queued.pop_front(),
