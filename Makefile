@@ -121,6 +121,18 @@ uninstall: ## Remove what `make install` installed, but a configuration that was
 	rm -rf '$(DESTDIR)$(PREFIX)/share/uvcam'
 	! cmp -s udev/uvcam.toml '$(DESTDIR)/etc/uvcam/uvcam.toml' || rm -r '$(DESTDIR)/etc/uvcam'
 
+.PHONY: c
+c: ## Build libuvcam, which gives frames to programs in C and C++
+	$(MAKE) --no-print-directory -C shm_ipc/c
+
+.PHONY: install-c
+install-c: ## Install it with its headers, pkg-config file and CMake package (PREFIX=/usr/local, DESTDIR=)
+	$(MAKE) --no-print-directory -C shm_ipc/c install
+
+.PHONY: uninstall-c
+uninstall-c: ## Remove what `make install-c` installed
+	$(MAKE) --no-print-directory -C shm_ipc/c uninstall
+
 .PHONY: deb
 deb: packages ## Build the Debian package, target/debian/uvcam_*.deb
 	@command -v cargo-deb >/dev/null || cargo install cargo-deb --locked --quiet

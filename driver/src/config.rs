@@ -87,6 +87,8 @@ pub struct CameraConfig {
     pub settings: Settings,
     /// What is blanked.
     pub mask: MaskChoice,
+    /// Whether it is.
+    pub mask_mode: MaskMode,
     /// How its mask is generated.
     pub generate: Generate,
     /// How its threads are scheduled.
@@ -115,6 +117,16 @@ impl Default for Generate {
             parameters: Parameters::default(),
         }
     }
+}
+
+/// `mask_mode`
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum MaskMode {
+    /// What is masked is black in every frame.
+    #[default]
+    Blank,
+    /// Frames are left as they are, and the mask travels beside them.
+    Attach,
 }
 
 /// `mask`

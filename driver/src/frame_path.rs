@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
-use uvcam_masker::{ImageViewMut, Mask};
+use uvcam_masker::ImageViewMut;
 use uvcam_shm_ipc::{FrameHeader, Publisher, Slot, monotonic_ns};
 
 use crate::camera::{Applied, Camera, CameraError, Capture, Event};
@@ -18,7 +18,7 @@ use crate::clock::FrameClock;
 use crate::counters::{Counters, add};
 use crate::error::Error;
 use crate::generate::Order;
-use crate::mask::MaskInForce;
+use crate::mask::{self, MaskInForce};
 
 mod silence;
 
@@ -32,7 +32,7 @@ const TEMPERATURE_PERIOD_NS: u64 = 10_000_000_000;
 /// What another thread may ask of the path; taken at a frame boundary.
 #[derive(Debug)]
 pub enum Command {
-    /// Fly this mask from the next frame on.
+    /// Fly this mask, which consumers were given, from the next frame on.
     Mask(MaskInForce),
     /// Leave the path and collect lit frames.
     Generate(Box<Order>),
@@ -59,7 +59,7 @@ pub struct FramePath<'a> {
     pub applied: &'a Applied,
     /// Where frames go.
     pub publisher: &'a mut Publisher,
-    /// What is blanked; a command may change it.
+    /// What is blanked, or travels beside the frames; a command may change it.
     pub mask: &'a mut MaskInForce,
     /// What other threads ask for.
     pub commands: &'a Receiver<Command>,
@@ -109,7 +109,7 @@ impl FramePath<'_> {
     /// What ended the epoch. The camera is to be dropped.
     pub fn run(&mut self, stop: &AtomicBool, streaming: impl FnOnce()) -> Result<Leave, Error> {
         add(&self.counters.epochs, 1);
-        self.counters.set_mask_id(self.mask.as_deref().map(Mask::id));
+        self.counters.set_mask_id(self.mask.as_deref().map(|mask| mask.id()));
         self.fill_queue()?;
         self.camera.start()?;
         let mut silence = Silence::new(self.header.frame_period_ns, self.first_frame_patience);
@@ -229,9 +229,8 @@ impl FramePath<'_> {
         while let Ok(command) = self.commands.try_recv() {
             match command {
                 Command::Mask(mask) => {
-                    let id = mask.as_deref().map(Mask::id);
-                    self.header.set_mask(id.map(|id| id.0));
-                    self.counters.set_mask_id(id);
+                    mask::mark(&mut self.header, &mask);
+                    self.counters.set_mask_id(mask.as_deref().map(|mask| mask.id()));
                     *self.mask = mask;
                 }
                 Command::Generate(order) => return Some(Leave::Generate(order)),

@@ -3,12 +3,13 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use rustix::time::{ClockId, clock_gettime};
+use uvcam_masker::MaskId;
 use uvcam_shm_ipc::Footing;
-use uvcam_shm_ipc::health::{Cause, Health, HealthPublisher};
+use uvcam_shm_ipc::health::{Cause, Health, HealthPublisher, MaskMode};
 use uvcam_shm_ipc::{IpcError, monotonic_ns};
 
 use crate::camera::CameraError;
-use crate::config::{CameraConfig, Config};
+use crate::config::{self, CameraConfig, Config};
 use crate::counters::Counters;
 use crate::error::{Error, with_causes};
 use crate::supervise::State;
@@ -18,6 +19,8 @@ pub struct Reporter {
     /// Missing where its files were removed and could not be made anew yet.
     publisher: Option<HealthPublisher>,
     record: Health,
+    /// Of a mask, where there is one.
+    mask_mode: MaskMode,
 }
 
 impl Reporter {
@@ -33,7 +36,11 @@ impl Reporter {
         record.state_since_monotonic_ns = now_ns;
         record.process_id = std::process::id();
         record.config_digest = config.digest;
-        Ok(Reporter { publisher, record })
+        let mask_mode = match camera.mask_mode {
+            config::MaskMode::Blank => MaskMode::Blank,
+            config::MaskMode::Attach => MaskMode::Attach,
+        };
+        Ok(Reporter { publisher, record, mask_mode })
     }
 
     /// Takes a change of state into the record.
@@ -90,7 +97,9 @@ impl Reporter {
         record.temperature_c = counters.temperature_c();
         record.resident_bytes = resident_bytes();
         record.cpu_ns = cpu_ns();
-        record.mask_id = counters.mask_id().0;
+        let mask_id = counters.mask_id();
+        record.mask_id = mask_id.0;
+        record.mask_mode = if mask_id == MaskId::NONE { MaskMode::None } else { self.mask_mode } as u32;
         record.arrival_to_masked = counters.arrival_to_masked.summary();
         record.masked_to_sent = counters.masked_to_sent.summary();
         if let Some(Err(error)) = self.publisher.as_ref().map(|publisher| publisher.publish(&self.record)) {

@@ -19,7 +19,7 @@ use crate::counters::{Counters, add};
 use crate::error::{Error, panic_text, with_causes};
 use crate::frame_path::{Command, FramePath, Leave, Position};
 use crate::generate::Order;
-use crate::mask::{self, MaskInForce};
+use crate::mask::{self, MaskInForce, MaskService};
 
 mod closing;
 mod time;
@@ -69,6 +69,7 @@ pub struct Supervisor {
     /// The device that was opened first: name and mask of the configuration belong to it.
     first: Option<Identity>,
     publisher: Option<Publisher>,
+    masks: Arc<MaskService>,
     closing: Closing,
     commands: Receiver<Command>,
     notify: Box<dyn Fn(Notice) + Send>,
@@ -89,6 +90,7 @@ impl Supervisor {
         stop: Arc<AtomicBool>,
     ) -> Self {
         let source = source::of(&camera.source);
+        let masks = Arc::new(MaskService::new(&ipc.settings, &camera.name));
         Supervisor {
             place,
             camera,
@@ -96,6 +98,7 @@ impl Supervisor {
             source,
             first: None,
             publisher: None,
+            masks,
             closing: Closing::default(),
             commands,
             notify,
@@ -103,6 +106,11 @@ impl Supervisor {
             stop,
             time: Box::new(SystemTime),
         }
+    }
+
+    /// What gives the camera's mask to consumers, for whoever wants it flown.
+    pub fn masks(&self) -> Arc<MaskService> {
+        self.masks.clone()
     }
 
     /// Fulfils an order for a camera that no driver runs.
@@ -239,6 +247,7 @@ impl Supervisor {
         loop {
             self.counters.live();
             let applied = camera.configure(&self.camera.settings)?;
+            self.masks.begin(mask)?;
             let mut publisher = self.publisher_for(applied.payload_bytes)?;
             let header = self.header(&applied, mask, publisher.begin_epoch());
             let identity = camera.identity().clone();
@@ -323,7 +332,7 @@ impl Supervisor {
         header.exposure_us = applied.exposure_us;
         header.gain_db = applied.gain_db;
         header.set_flag(self.source.flag(), true);
-        header.set_mask(mask.as_deref().map(|mask| mask.id().0));
+        mask::mark(&mut header, mask);
         header
     }
 

@@ -32,10 +32,22 @@ impl Mask {
     /// [`ApplyError`] where the sizes differ; the image is then untouched.
     #[inline]
     pub fn apply(&self, image: &mut ImageViewMut<'_>) -> Result<(), ApplyError> {
-        self.refuse_other_size(image.width(), image.height())?;
+        self.fits(image.width(), image.height())?;
         let (stride, bytes_per_pixel) = (image.stride(), image.bytes_per_pixel());
         self.blank(image.pixels_mut(), stride, bytes_per_pixel);
         Ok(())
+    }
+
+    /// Whether the mask is one for images of this size.
+    ///
+    /// # Errors
+    /// [`ApplyError`] where the sizes differ.
+    pub fn fits(&self, image_width: u32, image_height: u32) -> Result<(), ApplyError> {
+        let (mask_width, mask_height) = (self.width(), self.height());
+        if (mask_width, mask_height) == (image_width, image_height) {
+            return Ok(());
+        }
+        Err(ApplyError { mask_width, mask_height, image_width, image_height })
     }
 
     /// Number of masked pixels of `image` that are not 0; 0 for every frame this mask was applied to.
@@ -43,7 +55,7 @@ impl Mask {
     /// # Errors
     /// [`ApplyError`] where the sizes differ.
     pub fn masked_nonzero(&self, image: &ImageView<'_>) -> Result<u64, ApplyError> {
-        self.refuse_other_size(image.width(), image.height())?;
+        self.fits(image.width(), image.height())?;
         let (pixels, bytes_per_pixel) = (image.pixels(), image.bytes_per_pixel());
         let nonzero = self.runs().iter().map(|run| {
             let bytes = &pixels[byte_range(run, image.stride(), bytes_per_pixel)];
@@ -58,14 +70,6 @@ impl Mask {
         for run in self.runs() {
             pixels[byte_range(run, stride, bytes_per_pixel)].fill(0);
         }
-    }
-
-    fn refuse_other_size(&self, image_width: u32, image_height: u32) -> Result<(), ApplyError> {
-        let (mask_width, mask_height) = (self.width(), self.height());
-        if (mask_width, mask_height) == (image_width, image_height) {
-            return Ok(());
-        }
-        Err(ApplyError { mask_width, mask_height, image_width, image_height })
     }
 }
 

@@ -245,7 +245,11 @@ pub fn read_texts(path: &Path) -> Result<Vec<(String, String)>, FileError> {
     texts(&bytes).map_err(|source| FileError::Decode { path: path.to_owned(), source })
 }
 
-fn texts(file: &[u8]) -> Result<Vec<(String, String)>, PngError> {
+/// The texts of the bytes of a PNG file, as [`read_texts`] gives them.
+///
+/// # Errors
+/// [`PngError`].
+pub fn texts(file: &[u8]) -> Result<Vec<(String, String)>, PngError> {
     let reader = Decoder::new(io::Cursor::new(chunks::with_texts(file)?)).read_info()?;
     let info = reader.info();
     let mut texts = Vec::new();

@@ -79,6 +79,19 @@ pub enum Cause {
     Stuck = 9,
 }
 
+/// What becomes of the mask in force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+#[non_exhaustive]
+pub enum MaskMode {
+    /// There is none.
+    None = 0,
+    /// What it masks is black in every frame ([`Flags::MASKED`](crate::Flags::MASKED)).
+    Blank = 1,
+    /// It travels beside frames that are left as they are ([`Flags::MASK_ATTACHED`](crate::Flags::MASK_ATTACHED)).
+    Attach = 2,
+}
+
 macro_rules! codes {
     ($type:ident: $($variant:ident = $word:literal),+ $(,)?) => {
         impl $type {
@@ -100,6 +113,7 @@ codes! { State:
     Starting = "starting", Streaming = "streaming", Generating = "generating", Reconnecting = "reconnecting", Refused = "refused",
     Stopped = "stopped",
 }
+codes! { MaskMode: None = "none", Blank = "blank", Attach = "attach" }
 codes! { Cause:
     None = "none", Absent = "absent", Disconnected = "disconnected", Silent = "silent", Incomplete = "incomplete", Device = "device",
     Settings = "settings", Mask = "mask", SharedMemory = "shared memory", Stuck = "stuck",
@@ -150,8 +164,8 @@ pub struct Health {
     pub started_monotonic_ns: u64,
     /// Id of the process that runs the camera.
     pub process_id: u32,
-    /// Zero.
-    pub(crate) reserved_state: u32,
+    /// Code of the [`MaskMode`] of the mask in force.
+    pub mask_mode: u32,
     /// Frames published a second, over the last second.
     pub frame_rate: f64,
     /// Temperature of the device in degrees Celsius; NaN where it tells none.
@@ -199,7 +213,7 @@ macro_rules! assert_offsets {
 
 assert_offsets! {
     magic: 0, contract_version: 4, record_size: 6, state: 8, cause: 12, written_monotonic_ns: 16, state_since_monotonic_ns: 24,
-    started_monotonic_ns: 32, process_id: 40, reserved_state: 44, frame_rate: 48, temperature_c: 56,
+    started_monotonic_ns: 32, process_id: 40, mask_mode: 44, frame_rate: 48, temperature_c: 56,
     published: 64, lost: 72, incomplete: 80, no_free_slot: 88, epochs: 96, failures: 104, resident_bytes: 112, cpu_ns: 120,
     mask_id: 128, config_digest: 144, reserved_identity: 160, arrival_to_masked: 192, masked_to_sent: 240, last_error: 288,
 }
@@ -218,7 +232,7 @@ impl Health {
             state_since_monotonic_ns: 0,
             started_monotonic_ns: 0,
             process_id: 0,
-            reserved_state: 0,
+            mask_mode: MaskMode::None as u32,
             frame_rate: 0.0,
             temperature_c: f64::NAN,
             published: 0,
@@ -252,6 +266,14 @@ impl Health {
     /// [`HealthError::Cause`] where the code is not part of the contract.
     pub fn cause(&self) -> Result<Cause, HealthError> {
         Cause::from_code(self.cause).ok_or(HealthError::Cause(self.cause))
+    }
+
+    /// What becomes of the mask in force.
+    ///
+    /// # Errors
+    /// [`HealthError::MaskMode`] where the code is not part of the contract.
+    pub fn mask_mode(&self) -> Result<MaskMode, HealthError> {
+        MaskMode::from_code(self.mask_mode).ok_or(HealthError::MaskMode(self.mask_mode))
     }
 
     /// Temperature of the device in degrees Celsius, where it tells one.
@@ -291,6 +313,7 @@ impl Health {
         }
         self.state()?;
         self.cause()?;
+        self.mask_mode()?;
         if !(self.frame_rate.is_finite() && self.frame_rate >= 0.0) {
             return Err(HealthError::FrameRate(self.frame_rate));
         }
@@ -329,6 +352,9 @@ pub enum HealthError {
     /// A cause that is not part of the contract.
     #[error("cause {0} is none of 0 to 9")]
     Cause(u32),
+    /// A mask mode that is not part of the contract.
+    #[error("mask mode {0} is none of 0 to 2")]
+    MaskMode(u32),
     /// No rate.
     #[error("{0} is no frame rate")]
     FrameRate(f64),

@@ -77,6 +77,7 @@ const _: () = assert!(size_of::<MaskHeader>() == 64);
 
 /// Horizontal run of masked pixels: columns `start` to `start + length - 1` of row `row`, counted from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(C)]
 pub struct Run {
     /// Row, downwards from the top.
     pub row: u32,

@@ -17,6 +17,7 @@ use uvcam_masker::Mask;
 use uvcam_shm_ipc::health::{Health, HealthReader};
 use uvcam_shm_ipc::{Frame, Settings, Subscriber};
 
+pub mod c;
 pub mod conformance;
 pub mod namespace;
 pub mod network;

@@ -2,14 +2,17 @@
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-use std::sync::OnceLock;
+use std::process::{Command, Output, Stdio};
+use std::sync::mpsc;
 
+use rustix::process::{Pid, Signal, kill_process};
 use uvcam::camera::simulated::airframe;
 use uvcam_masker::Mask;
-use uvcam_shm_ipc::{Frame, Subscriber};
-use uvcam_tests::{Process, Stage, built, next_frame, simulated, stderr};
+use uvcam_shm_ipc::mask::{MaskPublisher, NewMask, Run};
+use uvcam_shm_ipc::{Frame, FrameHeader, PixelFormat, Subscriber};
+use uvcam_tests::{Process, SharedMemory, Stage, c, next_frame, simulated, stderr, wait_until};
 
 /// Width and height of the simulated camera, px.
 const SIZE: (u32, u32) = (752, 480);
@@ -23,62 +26,14 @@ fn tests() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/c")
 }
 
-fn package() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../shm_ipc/c")
-}
-
-/// The prefix below which this build's libuvcam is installed.
-fn prefix() -> &'static Path {
-    static PREFIX: OnceLock<PathBuf> = OnceLock::new();
-    PREFIX.get_or_init(|| {
-        // Together with the driver, so that what both are made of is built once, with the same features.
-        let packages = ["--package", "uvcam", "--package", "uvcam-c", "--lib", "--bin", "uvcam"];
-        let library = built(&packages).join("libuvcam_c.so");
-        let place = Path::new(env!("CARGO_TARGET_TMPDIR")).join("libuvcam");
-        let _ = std::fs::remove_dir_all(&place);
-        let mut make = Command::new("make");
-        make.args(["--silent", "install", "PREFIX=/opt/uvcam"]).current_dir(package());
-        make.arg(format!("LIBRARY={}", library.display())).arg(format!("DESTDIR={}", place.display()));
-        succeeds(&mut make);
-        place.join("opt/uvcam")
-    })
-}
-
-/// Runs a command to its end, which must be a good one.
-fn succeeds(command: &mut Command) -> Output {
-    let output = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{command:?}: {}\n{said}\n{}", output.status, stderr(&output));
-    output
-}
-
-/// What pkg-config says of an installed libuvcam.
-fn pkg_config(words: &[&str]) -> Vec<String> {
-    let mut command = Command::new("pkg-config");
-    command.args(words).arg("uvcam").env("PKG_CONFIG_PATH", prefix().join("lib/pkgconfig"));
-    // The folder that stands for the root of the file system.
-    command.env("PKG_CONFIG_SYSROOT_DIR", prefix().parent().unwrap().parent().unwrap());
-    let output = succeeds(&mut command);
-    String::from_utf8(output.stdout).unwrap().split_whitespace().map(str::to_owned).collect()
-}
-
 /// Builds a program of this test's folder.
 fn compiled(source: &str, name: &str, flags: &[&str]) -> PathBuf {
-    let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    let mut compiler = Command::new(if source.ends_with(".c") { "cc" } else { "c++" });
-    compiler.args(WARNINGS).args(flags).arg(tests().join(source)).args(["-pthread", "-o"]).arg(&program);
-    compiler.args(pkg_config(&["--cflags", "--libs"]));
-    succeeds(&mut compiler);
-    program
+    c::compiled(&tests().join(source), name, flags)
 }
 
 /// A program that reads a camera of the stage.
 fn consumer(program: &Path, stage: &Stage, camera: &str) -> Command {
-    let settings = stage.settings();
-    let mut command = Command::new(program);
-    command.arg(camera).arg(settings.prefix).arg(settings.root_path);
-    command.env("LD_LIBRARY_PATH", prefix().join("lib"));
-    command
+    c::consumer(program, stage.settings(), camera)
 }
 
 /// A stage whose camera "left" flies a mask of the lower rows.
@@ -162,7 +117,7 @@ fn misuse_is_an_error_and_nothing_else() {
     let driver = stage.driver();
     next_frame(&mut stage.subscriber("left"));
     let watched = compiled("misuse.c", "misuse-sanitized", &[&["-std=c99"], SANITIZERS].concat());
-    let output = succeeds(&mut consumer(&watched, &stage, "left"));
+    let output = c::succeeds(&mut consumer(&watched, &stage, "left"));
     assert_eq!(String::from_utf8_lossy(&output.stdout), "all refused\n");
     // The whole process under a machine that knows every byte, also those of the library.
     let plain = compiled("misuse.c", "misuse", &["-std=c99", "-g"]);
@@ -175,8 +130,8 @@ fn misuse_is_an_error_and_nothing_else() {
         "--errors-for-leak-kinds=definite",
     ]);
     valgrind.arg(watched.get_program()).args(watched.get_args());
-    valgrind.env("LD_LIBRARY_PATH", prefix().join("lib"));
-    let output = succeeds(&mut valgrind);
+    valgrind.env("LD_LIBRARY_PATH", c::prefix().join("lib"));
+    let output = c::succeeds(&mut valgrind);
     assert_eq!(
         (String::from_utf8_lossy(&output.stdout).as_ref(), stderr(&output).as_str()),
         ("all refused\n", "")
@@ -191,12 +146,12 @@ fn cpp_does_without_exceptions_and_opencv_without_a_copy() {
     next_frame(&mut stage.subscriber("left"));
     let flags = [&["-std=c++20", "-fno-exceptions", "-fno-rtti"], SANITIZERS].concat();
     let expected = compiled("expected.cpp", "expected", &flags);
-    let output = succeeds(&mut consumer(&expected, &stage, "left"));
+    let output = c::succeeds(&mut consumer(&expected, &stage, "left"));
     assert_eq!(String::from_utf8_lossy(&output.stdout), "as expected\n");
 
     let flags = ["-std=c++17", "-isystem", "/usr/include/opencv4", "-Wl,--no-as-needed", "-lopencv_core"];
     let matrix = compiled("matrix.cpp", "matrix", &flags);
-    let output = succeeds(&mut consumer(&matrix, &stage, "left"));
+    let output = c::succeeds(&mut consumer(&matrix, &stage, "left"));
     assert_eq!(String::from_utf8_lossy(&output.stdout), "a matrix\n");
     // With a stand-in for the window.
     let here = format!("-I{}", tests().display());
@@ -205,9 +160,54 @@ fn cpp_does_without_exceptions_and_opencv_without_a_copy() {
         "opencv_window",
         &[&[here.as_str()], &flags[..]].concat(),
     );
-    let output = succeeds(&mut consumer(&window, &stage, "left"));
+    let output = c::succeeds(&mut consumer(&window, &stage, "left"));
     assert_eq!(String::from_utf8_lossy(&output.stdout), "left: 752 x 480\n".repeat(30));
     drop(driver);
+}
+
+/// Runs of the mask of this number: as many columns from the second on.
+fn runs(number: u8, height: u32) -> Vec<Run> {
+    (0..height).map(|row| Run { row, start: 2, length: number.into() }).collect()
+}
+
+fn mask(number: u8, (width, height): (u32, u32), runs: &[Run]) -> NewMask<'_> {
+    NewMask { mask_id: [number; 16], width, height, runs, provenance: "{\"method\": \"by hand\"}" }
+}
+
+#[test]
+fn each_frame_gets_its_own_mask_while_masks_change() {
+    const SIZE: (u32, u32) = (64, 8);
+    let program = compiled("masks.cpp", "masks", &[&["-std=c++17"], SANITIZERS].concat());
+    let memory = SharedMemory::new();
+    let mut publisher = memory.publisher("left", (SIZE.0 * SIZE.1) as usize, 4);
+    let masks = MaskPublisher::create(&memory.settings(), "left", &mask(1, SIZE, &runs(1, SIZE.1))).unwrap();
+    let mut command = c::consumer(&program, memory.settings(), "left");
+    let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap();
+    let lines = BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok);
+    let (sender, told) = mpsc::channel();
+    let listening = std::thread::spawn(move || lines.for_each(|line| sender.send(line).unwrap()));
+    wait_until("the consumer", || publisher.subscribers() > 0);
+    for sequence in 0..200u64 {
+        let number = (sequence % 40) as u8 + 1;
+        masks.publish(&mask(number, SIZE, &runs(number, SIZE.1))).unwrap();
+        let mut header = FrameHeader::new(SIZE.0, SIZE.1, SIZE.0, PixelFormat::Mono8);
+        header.sequence = sequence;
+        header.set_mask(Some([number; 16]));
+        let mut slot = publisher.loan().unwrap();
+        slot.pixels_mut().fill(255);
+        slot.pixels_mut().chunks_mut(SIZE.0 as usize).for_each(|row| row[2..2 + usize::from(number)].fill(0));
+        publisher.publish(slot, &header).unwrap();
+        let mut said = None;
+        wait_until("the mask of a frame", || {
+            masks.serve_newcomers().unwrap();
+            said = told.try_recv().ok();
+            said.is_some()
+        });
+        assert_eq!(said.unwrap(), format!("mask {number}"));
+    }
+    kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
+    assert!(child.wait().unwrap().success());
+    listening.join().unwrap();
 }
 
 #[test]
@@ -217,7 +217,7 @@ fn headers_are_good_c_and_cpp_to_gcc_and_clang() {
         ("c++", "uvcam.h", &["c++11"]),
         ("c++", "uvcam.hpp", &["c++17", "c++20"]),
     ] {
-        let unit = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{header}.{language}"));
+        let unit = c::folder().join(format!("{header}.{language}"));
         std::fs::write(&unit, format!("#include <{header}>\n")).unwrap();
         for compiler in [if language == "c" { "gcc" } else { "g++" }, "clang"] {
             for standard in standards {
@@ -227,8 +227,8 @@ fn headers_are_good_c_and_cpp_to_gcc_and_clang() {
                     "-x",
                     language,
                 ]);
-                command.arg(&unit).args(pkg_config(&["--cflags"]));
-                succeeds(&mut command);
+                command.arg(&unit).args(c::pkg_config(&["--cflags"]));
+                c::succeeds(&mut command);
             }
         }
     }
@@ -268,14 +268,14 @@ fn markers(output: &Output) -> BTreeMap<u64, Vec<(u32, u32)>> {
 
 #[test]
 fn examples_built_by_cmake_tell_the_rate_and_find_the_markers() {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("examples");
+    let folder = c::folder().join("examples");
     let _ = std::fs::remove_dir_all(&folder);
     let mut configure = Command::new("cmake");
     configure.arg("-S").arg(tests()).arg("-B").arg(&folder);
-    configure.arg(format!("-DCMAKE_PREFIX_PATH={}", prefix().display()));
-    configure.arg(format!("-DEXAMPLES={}", package().join("examples").display()));
-    succeeds(&mut configure);
-    succeeds(Command::new("cmake").arg("--build").arg(&folder));
+    configure.arg(format!("-DCMAKE_PREFIX_PATH={}", c::prefix().display()));
+    configure.arg(format!("-DEXAMPLES={}", c::package().join("examples").display()));
+    c::succeeds(&mut configure);
+    c::succeeds(Command::new("cmake").arg("--build").arg(&folder));
 
     // Lit, as for a mask: without one, the airframe is full of markers.
     let lit = |mask| simulated("left", mask, "").replace("exposure_us = 1000", "exposure_us = 5000");

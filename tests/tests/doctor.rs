@@ -399,6 +399,13 @@ fn finds_a_mask_of_another_size() {
 }
 
 #[test]
+fn finds_frames_that_are_not_blanked() {
+    finds("mask", "warning", "mask_mode = \"blank\"", |machine| {
+        machine.configure("mask = \"left.png\"", "mask = \"left.png\"\nmask_mode = \"attach\"");
+    });
+}
+
+#[test]
 fn finds_an_exposure_that_does_not_fit_the_readout() {
     // 59.9 fps leave an mvBlueFOX 5.8 ms, and any other camera a frame period.
     finds("exposure", "fault", "is 5823", |machine| {

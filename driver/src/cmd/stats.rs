@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use uvcam_masker::MaskId;
-use uvcam_shm_ipc::health::{Health, HealthReader};
+use uvcam_shm_ipc::health::{Health, HealthReader, MaskMode};
 use uvcam_shm_ipc::monotonic_ns;
 
-use super::table::{LatencyUs, rows};
+use super::table::{LatencyUs, describe_mask, rows};
 use crate::args;
 use crate::config::Config;
 use crate::error::Error;
@@ -34,6 +34,7 @@ struct Report {
     failures: u64,
     temperature_c: Option<f64>,
     mask_id: Option<String>,
+    mask_mode: &'static str,
     config_digest: String,
     arrival_to_masked_us: LatencyUs,
     masked_to_sent_us: LatencyUs,
@@ -95,6 +96,7 @@ impl Report {
             failures: health.failures,
             temperature_c: health.temperature_c(),
             mask_id: (mask != MaskId::NONE).then(|| mask.to_string()),
+            mask_mode: health.mask_mode().map_or("unknown", |mode| mode.as_str()),
             config_digest: health.config_digest.iter().map(|byte| format!("{byte:02x}")).collect(),
             arrival_to_masked_us: health.arrival_to_masked.into(),
             masked_to_sent_us: health.masked_to_sent.into(),
@@ -124,7 +126,7 @@ impl Report {
                 self.temperature_c
                     .map_or_else(|| "not told".into(), |celsius| format!("{celsius:.1} \u{b0}C")),
             ),
-            ("mask", self.mask_id.clone().unwrap_or_else(|| "none".into())),
+            ("mask", describe_mask(self.mask_id.as_deref(), self.mask_mode == MaskMode::Attach.as_str())),
             ("configuration", self.config_digest.clone()),
             ("latency", LatencyUs::COLUMNS.into()),
             ("arrival to masked", self.arrival_to_masked_us.cells()),

@@ -10,6 +10,15 @@ pub(super) fn rows(cells: &[(&str, String)]) -> String {
     lines.join("\n")
 }
 
+/// The identity of a mask, and whether frames are left as they are.
+pub(super) fn describe_mask(id: Option<&str>, is_attached: bool) -> String {
+    match (id, is_attached) {
+        (None, _) => "none".into(),
+        (Some(id), false) => id.into(),
+        (Some(id), true) => format!("{id}, attached: frames are NOT BLANKED"),
+    }
+}
+
 /// Latencies in microseconds.
 #[derive(Debug, Serialize)]
 pub(super) struct LatencyUs {

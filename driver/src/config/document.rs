@@ -15,7 +15,7 @@ use super::keys::suggestion;
 use super::realtime::RealtimeTable;
 use super::shared::Shared;
 use super::source::SourceTable;
-use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice, Source};
+use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice, MaskMode, Source};
 use crate::camera::Settings;
 
 #[derive(Deserialize)]
@@ -56,6 +56,7 @@ struct CameraTable {
     exposure_us: Spanned<f64>,
     gain_db: Option<Spanned<f64>>,
     mask: Option<Spanned<String>>,
+    mask_mode: Option<Spanned<String>>,
     #[serde(default)]
     generate: GenerateTable,
     #[serde(default)]
@@ -287,9 +288,10 @@ impl Reader<'_> {
             Some(mask) => self.mask(mask, uav, &name, &source)?,
             None => self.mask_file(MASK, uav, &name, &source),
         };
+        let mask_mode = self.mask_mode(table.mask_mode, &mask)?;
         let generate = self.generate(table.generate, &settings)?;
         let realtime = table.realtime.read(self)?;
-        Ok(CameraConfig { name, source, settings, mask, generate, realtime })
+        Ok(CameraConfig { name, source, settings, mask, mask_mode, generate, realtime })
     }
 
     fn mask(
@@ -314,6 +316,23 @@ impl Reader<'_> {
             return Err(mistyped("write {uav}, {serial} or {camera}: only these stand for names".into()));
         }
         Ok(self.mask_file(&template, uav, name, source))
+    }
+
+    fn mask_mode(&self, mode: Option<Spanned<String>>, mask: &MaskChoice) -> Result<MaskMode, ConfigError> {
+        let Some(mode) = mode else { return Ok(MaskMode::default()) };
+        let word = mode.get_ref().as_str();
+        match (word, mask) {
+            ("blank", _) => Ok(MaskMode::Blank),
+            ("attach", MaskChoice::File(_)) => Ok(MaskMode::Attach),
+            ("attach", MaskChoice::None) => {
+                let allowed = "\"blank\" where mask is \"none\": there is none to attach";
+                Err(self.0.refuse(mode.span(), "mask_mode", format!("\"{word}\""), allowed))
+            }
+            _ => {
+                let found = format!("\"{word}\"{}", suggestion(word, &["blank", "attach"]));
+                Err(self.0.refuse(mode.span(), "mask_mode", found, "\"blank\" or \"attach\""))
+            }
+        }
     }
 
     fn mask_file(&self, template: &str, uav: &str, name: &str, source: &Source) -> MaskChoice {

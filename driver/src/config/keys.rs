@@ -23,6 +23,7 @@ pub(super) const TABLES: [(&str, &[&str]); 6] = [
             "exposure_us",
             "gain_db",
             "mask",
+            "mask_mode",
             "generate",
             "realtime",
         ],

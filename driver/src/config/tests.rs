@@ -38,6 +38,7 @@ fn the_default_is_valid_and_says_what_the_code_does_without_it() {
     assert_eq!(config.cameras.len(), 1);
     let (shown, plain) = (&config.cameras[0].settings, &bare.cameras[0].settings);
     assert_eq!(config.cameras[0].realtime, bare.cameras[0].realtime);
+    assert_eq!(config.cameras[0].mask_mode, bare.cameras[0].mask_mode);
     assert_eq!(
         (shown.offset_x, shown.offset_y, shown.pixel_format, shown.gain_db),
         (plain.offset_x, plain.offset_y, plain.pixel_format, plain.gain_db)
@@ -90,6 +91,16 @@ fn a_refusal_names_file_line_key_value_and_what_is_allowed() {
             ", serial",
             ", still = true, serial",
             "still: found a value; allowed: no such key in a source of kind \"aravis\"",
+        ),
+        (
+            "mask =",
+            "mask_mode = \"none\"\nmask =",
+            "mask_mode: found \"none\"; allowed: \"blank\" or \"attach\"",
+        ),
+        (
+            "mask = \"masks/left.png\"",
+            "mask_mode = \"attach\"\nmask = \"none\"",
+            "uvcam.toml:9: mask_mode: found \"attach\"; allowed: \"blank\" where mask is \"none\": there is none to attach",
         ),
         ("mask =", "pixel_format = \"RGB8\"\nmask =", "pixel_format: found \"RGB8\"; allowed: Mono8, Mono10"),
         (

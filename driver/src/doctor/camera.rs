@@ -9,16 +9,29 @@ use uvcam_masker::file::{self, FileError};
 use super::usb::UsbCamera;
 use super::{Check, Finding, Severity};
 use crate::camera::CameraError;
-use crate::config::{CameraConfig, Config, MaskChoice, Simulated, Source};
+use crate::config::{CameraConfig, Config, MaskChoice, MaskMode, Simulated, Source};
 use crate::error::with_causes;
 
 /// Whether every mask is there, has the image's size, and can fly.
 pub(super) fn masks(config: &Config) -> Vec<Finding> {
     let findings = config.cameras.iter().flat_map(|camera| match &camera.mask {
         MaskChoice::None => Vec::new(),
-        MaskChoice::File(path) => mask(camera, path),
+        MaskChoice::File(path) => mask(camera, path).into_iter().chain(not_blanked(camera)).collect(),
     });
     findings.collect()
+}
+
+/// Whether frames are left as they are.
+fn not_blanked(camera: &CameraConfig) -> Option<Finding> {
+    (camera.mask_mode == MaskMode::Attach).then(|| {
+        let finding = format!(
+            "{}: mask_mode = \"attach\", so the airframe is in sight of who does not ask for the mask",
+            camera.name
+        );
+        let remedy =
+            "let every consumer apply the mask that comes beside the frames, or write mask_mode = \"blank\"";
+        Finding::new(Severity::Warning, Check::Mask, finding, remedy.to_owned())
+    })
 }
 
 fn mask(camera: &CameraConfig, path: &Path) -> Vec<Finding> {

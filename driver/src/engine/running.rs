@@ -10,12 +10,12 @@ use uvcam_shm_ipc::monotonic_ns;
 
 use super::Event;
 use super::worker::Worker;
-use crate::config::{CameraConfig, Config, MaskChoice};
+use crate::config::{CameraConfig, Config, MaskChoice, MaskMode};
 use crate::counters::Counters;
 use crate::error::{Error, with_causes};
 use crate::frame_path::Command;
 use crate::health::Reporter;
-use crate::mask::MaskInForce;
+use crate::mask::{MaskInForce, MaskService};
 use crate::service_manager::Condition;
 use crate::supervise::{State, Supervisor};
 use crate::thread::spawn;
@@ -37,6 +37,7 @@ pub(super) struct Running {
     is_stuck: bool,
     commands: Sender<Command>,
     thread: JoinHandle<()>,
+    masks: Arc<MaskService>,
     health: Reporter,
     told: Told,
     started: Instant,
@@ -79,6 +80,7 @@ impl Running {
             counters.clone(),
             stop.clone(),
         );
+        let masks = supervisor.masks();
         counters.live();
         let (realtime, name) = (camera.realtime.clone(), camera.name.clone());
         let thread = spawn(&camera.name, move || {
@@ -94,6 +96,7 @@ impl Running {
             is_stuck: false,
             commands,
             thread,
+            masks,
             health,
             told: Told::default(),
             started: Instant::now(),
@@ -132,7 +135,7 @@ impl Running {
         let Some(state) = &self.state else { return };
         let text = match state {
             State::Streaming(device) => {
-                format!("streaming, {device}, {}", describe_mask(&self.config.mask))
+                format!("streaming, {device}, {}", describe_mask(&self.config))
             }
             State::Generating => "publishes nothing while lit frames are collected for a mask".into(),
             State::Waiting(error) => with_causes(error),
@@ -225,10 +228,12 @@ impl Running {
             }
         }
         self.health.keep_open(config, &self.config);
+        self.masks.keep_open();
     }
 
-    /// Gives the health record to readers that have come since.
+    /// Gives health record and mask to readers that have come since.
     pub(super) fn serve_newcomers(&self) {
+        self.masks.serve_newcomers();
         self.health.serve_newcomers();
     }
 
@@ -272,12 +277,13 @@ impl Running {
         })
     }
 
-    /// Flies the mask from the next frame on.
+    /// Flies the mask from the next frame on; consumers get it before.
     ///
     /// # Errors
-    /// Those of [`Running::command`].
+    /// [`Error::Ipc`] where it cannot be given to them, and those of [`Running::command`].
     pub(super) fn fly(&self, mask: MaskInForce) -> Result<(), Error> {
         let id = mask.as_ref().map_or_else(|| "none".into(), |mask| mask.id().to_string());
+        self.masks.give(&mask)?;
         self.command(Command::Mask(mask))?;
         tracing::info!("{}: mask {id} from the next frame on", self.config.name);
         Ok(())
@@ -298,9 +304,12 @@ impl Running {
     }
 }
 
-fn describe_mask(mask: &MaskChoice) -> String {
-    match mask {
-        MaskChoice::None => "WITHOUT a mask (mask = \"none\")".into(),
-        MaskChoice::File(path) => format!("masked with {}", path.display()),
+fn describe_mask(camera: &CameraConfig) -> String {
+    match (&camera.mask, camera.mask_mode) {
+        (MaskChoice::None, _) => "WITHOUT a mask (mask = \"none\")".into(),
+        (MaskChoice::File(path), MaskMode::Blank) => format!("masked with {}", path.display()),
+        (MaskChoice::File(path), MaskMode::Attach) => {
+            format!("NOT BLANKED, with {} beside the frames (mask_mode = \"attach\")", path.display())
+        }
     }
 }

@@ -1,7 +1,6 @@
 use std::sync::Arc;
 use std::sync::mpsc::channel;
 
-use uvcam_masker::Mask;
 use uvcam_shm_ipc::{PixelFormat, Settings, Subscriber, Wakeup};
 
 use super::*;

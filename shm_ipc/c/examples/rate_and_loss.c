@@ -31,8 +31,8 @@ int main(int argc, char **argv)
             printf("no frame for a second\n");
         uvcam_frame *frame;
         while ((status = uvcam_receive(subscriber, &frame)) == UVCAM_OK) {
-            uvcam_view view;
-            if (uvcam_frame_view(frame, &view) != UVCAM_OK)
+            uvcam_frame_view view;
+            if (uvcam_frame_read(frame, &view) != UVCAM_OK)
                 return fail();
             if (view.epoch_changed)
                 printf("the driver or its camera started anew\n");

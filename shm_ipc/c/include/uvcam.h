@@ -8,21 +8,21 @@
  *     while (uvcam_wait(left, 1000) >= 0) {
  *         uvcam_frame *frame;
  *         while (uvcam_receive(left, &frame) == UVCAM_OK) {
- *             uvcam_view view;
- *             uvcam_frame_view(frame, &view);
+ *             uvcam_frame_view view;
+ *             uvcam_frame_read(frame, &view);
  *             detect(view.pixels, view.header->width, view.header->height, view.header->stride);
  *             uvcam_frame_release(frame);
  *         }
  *     }
  *     uvcam_close(left);
  *
- * Handles (uvcam_subscriber, uvcam_frame, uvcam_health_reader) are numbers that look like pointers. None is ever used twice, so that one
+ * Handles (uvcam_subscriber, uvcam_frame, uvcam_mask, uvcam_health_reader) are numbers that look like pointers. None is ever used twice, so that one
  * that was closed or released is an error, UVCAM_ERROR_HANDLE, and nothing else.
  *
  * Threads. Every function may be called from every thread, at any time. A subscriber and a health reader are used by one thread at a time,
  * whichever it is; another one that calls meanwhile gets UVCAM_ERROR_BUSY at once, and uvcam_close() does so as well. To read one camera
- * in several threads, open a subscriber in each. Frames are independent of their subscriber and of each other: one thread may receive
- * them, others read them, and any of them release them. Whoever releases a frame must know that nobody reads it any more. The text of an
+ * in several threads, open a subscriber in each. Frames and masks are independent of their subscriber and of each other: one thread may
+ * receive them, others read them, and any of them release them. Whoever releases one must know that nobody reads it any more. The text of an
  * error belongs to the thread that got the error. After fork(), the child uses no handle of its parent: it opens its own.
  *
  * Pointers that are passed are NULL or point to what they say, as everywhere in C; NULL where it is not allowed is UVCAM_ERROR_ARGUMENT.
@@ -41,7 +41,7 @@
 #define UVCAM_CONTRACT_VERSION 2
 
 /**
- * Flag of a frame: a mask was applied; `mask_id` tells which.
+ * Flag of a frame: a mask was applied, and what it masks is black; `mask_id` tells which.
  */
 #define UVCAM_FLAG_MASKED 1
 
@@ -64,6 +64,11 @@
  * Flag of a frame: the device has no clock, and `device_timestamp_ns` says nothing.
  */
 #define UVCAM_FLAG_NO_DEVICE_CLOCK 16
+
+/**
+ * Flag of a frame: a mask was not applied and travels beside the frame; `mask_id` tells which.
+ */
+#define UVCAM_FLAG_MASK_ATTACHED 32
 
 /**
  * Pixel format, as PFNC numbers it: 8 bits in one byte.
@@ -116,7 +121,7 @@ enum uvcam_status
      */
     UVCAM_ERROR_BUSY = -3,
     /**
-     * The program holds as many frames of this subscriber as it may: release one.
+     * The program holds as many frames, or masks, of this subscriber as it may: release one.
      */
     UVCAM_ERROR_TOO_MANY_HELD = -4,
     /**
@@ -140,9 +145,13 @@ enum uvcam_status
      */
     UVCAM_ERROR_SYSTEM = -9,
     /**
+     * The mask of a frame has not come yet: ask again with the next frame.
+     */
+    UVCAM_ERROR_MASK_PENDING = -10,
+    /**
      * A fault of this library. What it happened to is best closed.
      */
-    UVCAM_ERROR_FAULT = -10,
+    UVCAM_ERROR_FAULT = -11,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -292,6 +301,11 @@ typedef struct uvcam_frame uvcam_frame;
 typedef struct uvcam_health_reader uvcam_health_reader;
 
 /**
+ * A mask that this program holds, until uvcam_mask_release(). It may be used by any thread, and outlives its frame and its subscriber.
+ */
+typedef struct uvcam_mask uvcam_mask;
+
+/**
  * A consumer's end of one camera. One thread at a time may use it, whichever: a call meanwhile fails with UVCAM_ERROR_BUSY.
  */
 typedef struct uvcam_subscriber uvcam_subscriber;
@@ -338,7 +352,7 @@ typedef struct uvcam_frame_header {
      */
     uint32_t reserved_picture;
     /**
-     * Identity of the mask that was applied; all zero where none was.
+     * Identity of the mask that was applied or travels beside the frame; all zero where the camera flies without.
      */
     uint8_t mask_id[16];
     /**
@@ -410,7 +424,7 @@ typedef struct uvcam_frame_header {
 /**
  * What there is to see of a frame. All of it is valid until the frame is released.
  */
-typedef struct uvcam_view {
+typedef struct uvcam_frame_view {
     /**
      * The header: a copy that was checked, so that `pixels` reaches as far as it says.
      */
@@ -436,7 +450,7 @@ typedef struct uvcam_view {
      * Whether driver or camera started anew since the frame before.
      */
     bool epoch_changed;
-} uvcam_view;
+} uvcam_frame_view;
 
 /**
  * Where the driver's services live: `prefix` and `root_path` of the table `[ipc]` of its configuration. A member that is NULL stands for
@@ -582,6 +596,71 @@ typedef struct uvcam_health {
 } uvcam_health;
 
 /**
+ * Horizontal run of masked pixels: columns `start` to `start + length - 1` of row `row`, counted from 0.
+ */
+typedef struct uvcam_run {
+    /**
+     * Row, downwards from the top.
+     */
+    uint32_t row;
+    /**
+     * First masked column.
+     */
+    uint32_t start;
+    /**
+     * Masked pixels, at least 1.
+     */
+    uint32_t length;
+} uvcam_run;
+
+/**
+ * What there is to see of a mask. All of it is valid until the mask is released.
+ */
+typedef struct uvcam_mask_view {
+    /**
+     * Identity: the `mask_id` of its frames.
+     */
+    uint8_t mask_id[16];
+    /**
+     * Pixels in a row, as many as in a frame.
+     */
+    uint32_t width;
+    /**
+     * Rows, as many as in a frame.
+     */
+    uint32_t height;
+    /**
+     * The image, row by row from the top without padding, one byte a pixel: 0 discard, 255 keep. Grown where that was asked for; else the
+     * driver's own memory, mapped for reading alone.
+     */
+    const uint8_t *pixels;
+    /**
+     * Bytes of the image: width * height.
+     */
+    size_t size;
+    /**
+     * The masked runs in row order, from left to right, not grown.
+     */
+    const struct uvcam_run *runs;
+    /**
+     * How many.
+     */
+    size_t run_count;
+    /**
+     * Masked pixels, not grown.
+     */
+    uint64_t masked_px;
+    /**
+     * Where the mask comes from: a JSON object of texts. No zero byte ends it.
+     */
+    const char *provenance;
+    /**
+     * Bytes of it.
+     */
+    size_t provenance_size;
+} uvcam_mask_view;
+
+/**
  * What a subscriber has counted since it was opened.
  */
 typedef struct uvcam_counters {
@@ -620,7 +699,7 @@ const char *uvcam_error_text(void);
 /**
  * Shows a frame.
  */
-uvcam_status uvcam_frame_view(const struct uvcam_frame *frame, struct uvcam_view *view);
+uvcam_status uvcam_frame_read(const struct uvcam_frame *frame, struct uvcam_frame_view *view);
 
 /**
  * Gives a frame's memory back to the driver. What was seen of it is not to be touched any more, by any thread.
@@ -647,6 +726,31 @@ uvcam_status uvcam_health_read(struct uvcam_health_reader *reader,
  * Closes a health reader.
  */
 uvcam_status uvcam_health_close(struct uvcam_health_reader *reader);
+
+/**
+ * Gives the mask of a frame, whichever is in force by now: UVCAM_OK, or UVCAM_NONE where its camera flies without one. Never waits, and
+ * costs little while the mask stays the same. `mask` becomes NULL where there is none, and is to be released where there is one.
+ *
+ * With `grown_by` above 0, masked areas reach as many pixels further to each side, by columns and rows, so that what looks around a pixel
+ * by no more than that does not see the edge of a black area.
+ *
+ * UVCAM_ERROR_MASK_PENDING where the mask has not come yet, for a second or two after the first call and after the driver started anew: go
+ * on with the next frame.
+ */
+uvcam_status uvcam_frame_mask(struct uvcam_subscriber *subscriber,
+                              const struct uvcam_frame *frame,
+                              uint32_t grown_by,
+                              struct uvcam_mask **mask);
+
+/**
+ * Shows a mask.
+ */
+uvcam_status uvcam_mask_read(const struct uvcam_mask *mask, struct uvcam_mask_view *view);
+
+/**
+ * Gives a mask's memory back to the driver. What was seen of it is not to be touched any more, by any thread.
+ */
+uvcam_status uvcam_mask_release(struct uvcam_mask *mask);
 
 /**
  * Prepares to read the frames of a camera. The driver may come later, go, and come back: the subscriber finds it again by itself.

@@ -12,7 +12,7 @@
 // Each operation comes twice: `receive()` throws uvcam::Error, `try_receive()` returns a uvcam::Expected, which holds the value or the
 // Error. Without exceptions (-fno-exceptions) the first kind is absent.
 //
-// Threads: as in uvcam.h. A Subscriber may be moved to another thread, and is used by one at a time. A Frame may be read by several.
+// Threads: as in uvcam.h. A Subscriber may be moved to another thread, and is used by one at a time. A Frame or Mask may be read by several.
 #ifndef UVCAM_HPP
 #define UVCAM_HPP
 
@@ -25,6 +25,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -176,6 +177,13 @@ template <class Rep, class Period> std::uint32_t milliseconds(std::chrono::durat
     return static_cast<long double>(whole) < count ? whole + 1 : whole;
 }
 
+inline MaskId mask_id(const std::uint8_t (&bytes)[16]) noexcept {
+    MaskId id;
+    for (std::size_t at = 0; at < id.size(); ++at)
+        id[at] = bytes[at];
+    return id;
+}
+
 } // namespace detail
 
 /// One frame, in the memory that the driver wrote. Gives it back when destroyed; may outlive its Subscriber.
@@ -192,13 +200,9 @@ class Frame {
         return {view_.pixels + y * header().stride, view_.row_size};
     }
     std::size_t bytes_per_pixel() const noexcept { return view_.row_size / header().width; }
+    /// Whether a mask was applied, so that what it masks is black.
     bool is_masked() const noexcept { return (header().flags & UVCAM_FLAG_MASKED) != 0; }
-    MaskId mask_id() const noexcept {
-        MaskId id;
-        for (std::size_t at = 0; at < id.size(); ++at)
-            id[at] = header().mask_id[at];
-        return id;
-    }
+    MaskId mask_id() const noexcept { return detail::mask_id(header().mask_id); }
     /// CLOCK_MONOTONIC, which is std::chrono::steady_clock on Linux.
     std::chrono::steady_clock::time_point mid_exposure() const noexcept {
         return std::chrono::steady_clock::time_point(std::chrono::nanoseconds(header().mid_exposure_monotonic_ns));
@@ -211,10 +215,36 @@ class Frame {
   private:
     friend class Subscriber;
 
-    explicit Frame(uvcam_frame *frame) noexcept : handle_(frame) { uvcam_frame_view(frame, &view_); }
+    uvcam_frame *get() const noexcept { return handle_.get(); }
+
+    explicit Frame(uvcam_frame *frame) noexcept : handle_(frame) { uvcam_frame_read(frame, &view_); }
 
     detail::Handle<uvcam_frame, uvcam_frame_release> handle_;
-    uvcam_view view_ = {};
+    uvcam_frame_view view_ = {};
+};
+
+/// A mask that frames name. Gives its memory back when destroyed; may outlive its Frame and its Subscriber.
+class Mask {
+  public:
+    MaskId id() const noexcept { return detail::mask_id(view_.mask_id); }
+    std::uint32_t width() const noexcept { return view_.width; }
+    std::uint32_t height() const noexcept { return view_.height; }
+    /// The image, row by row from the top without padding, one byte a pixel: 0 discard, 255 keep. Grown where that was asked for.
+    Span<const std::uint8_t> pixels() const noexcept { return {view_.pixels, view_.size}; }
+    /// The masked runs in row order, from left to right, not grown.
+    Span<const uvcam_run> runs() const noexcept { return {view_.runs, view_.run_count}; }
+    /// Masked pixels, not grown.
+    std::uint64_t masked_px() const noexcept { return view_.masked_px; }
+    /// Where the mask comes from: a JSON object of texts.
+    std::string_view provenance() const noexcept { return {view_.provenance, view_.provenance_size}; }
+
+  private:
+    friend class Subscriber;
+
+    explicit Mask(uvcam_mask *mask) noexcept : handle_(mask) { uvcam_mask_read(mask, &view_); }
+
+    detail::Handle<uvcam_mask, uvcam_mask_release> handle_;
+    uvcam_mask_view view_ = {};
 };
 
 /// A consumer's end of one camera. The driver may come later, go, and come back.
@@ -243,6 +273,16 @@ class Subscriber {
     /// The newest unread frame, if there is one. Those before it are dropped, and do not count as lost.
     Expected<std::optional<Frame>> try_receive_latest() { return take(uvcam_receive_latest); }
 
+    /// The mask of a frame, whichever is in force by now; none where its camera flies without. Masked areas reach `grown_by` pixels further
+    /// to each side. Never waits: UVCAM_ERROR_MASK_PENDING where the mask has not come yet; go on with the next frame.
+    Expected<std::optional<Mask>> try_mask_of(const Frame &frame, std::uint32_t grown_by = 0) {
+        uvcam_mask *mask = nullptr;
+        const uvcam_status status = uvcam_frame_mask(handle_.get(), frame.get(), grown_by, &mask);
+        if (status < 0)
+            return Error(status);
+        return mask == nullptr ? std::nullopt : std::optional<Mask>(Mask(mask));
+    }
+
     Expected<std::monostate> try_set_wakeup(uvcam_wakeup wakeup) {
         const uvcam_status status = uvcam_set_wakeup(handle_.get(), wakeup);
         if (status < 0)
@@ -266,6 +306,9 @@ class Subscriber {
     }
     std::optional<Frame> receive() { return try_receive().value(); }
     std::optional<Frame> receive_latest() { return try_receive_latest().value(); }
+    std::optional<Mask> mask_of(const Frame &frame, std::uint32_t grown_by = 0) {
+        return try_mask_of(frame, grown_by).value();
+    }
     void set_wakeup(uvcam_wakeup wakeup) { try_set_wakeup(wakeup).value(); }
     Counters counters() const { return try_counters().value(); }
 #endif

@@ -22,6 +22,15 @@ inline const cv::Mat as_mat(const Frame &frame) {
 /// A frame that ends here would leave the matrix without memory.
 const cv::Mat as_mat(const Frame &&frame) = delete;
 
+/// The mask's own pixels as CV_8UC1, for the `mask` of OpenCV's functions. Valid as long as the mask, and not to be written to.
+inline const cv::Mat as_mat(const Mask &mask) {
+    auto *pixels = const_cast<std::uint8_t *>(mask.pixels().data());
+    return cv::Mat(static_cast<int>(mask.height()), static_cast<int>(mask.width()), CV_8UC1, pixels);
+}
+
+/// A mask that ends here would leave the matrix without memory.
+const cv::Mat as_mat(const Mask &&mask) = delete;
+
 } // namespace uvcam
 
 #endif // UVCAM_OPENCV_HPP

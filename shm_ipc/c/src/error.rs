@@ -25,7 +25,7 @@ pub enum uvcam_status {
     UVCAM_ERROR_HANDLE = -2,
     /// Another thread is using this handle just now.
     UVCAM_ERROR_BUSY = -3,
-    /// The program holds as many frames of this subscriber as it may: release one.
+    /// The program holds as many frames, or masks, of this subscriber as it may: release one.
     UVCAM_ERROR_TOO_MANY_HELD = -4,
     /// The camera has as many consumers as it can have.
     UVCAM_ERROR_TOO_MANY_CONSUMERS = -5,
@@ -37,8 +37,10 @@ pub enum uvcam_status {
     UVCAM_ERROR_NO_ROOM = -8,
     /// Anything else that the system reports.
     UVCAM_ERROR_SYSTEM = -9,
+    /// The mask of a frame has not come yet: ask again with the next frame.
+    UVCAM_ERROR_MASK_PENDING = -10,
     /// A fault of this library. What it happened to is best closed.
-    UVCAM_ERROR_FAULT = -10,
+    UVCAM_ERROR_FAULT = -11,
 }
 
 pub(crate) use uvcam_status::*;
@@ -101,6 +103,7 @@ impl From<IpcError> for Failure {
     fn from(error: IpcError) -> Self {
         let status = match error.kind() {
             IpcErrorKind::CameraName | IpcErrorKind::Setting => UVCAM_ERROR_ARGUMENT,
+            IpcErrorKind::MaskPending => UVCAM_ERROR_MASK_PENDING,
             IpcErrorKind::TooManyHeld => UVCAM_ERROR_TOO_MANY_HELD,
             IpcErrorKind::TooManyConsumers => UVCAM_ERROR_TOO_MANY_CONSUMERS,
             IpcErrorKind::Permission | IpcErrorKind::Foreign | IpcErrorKind::Unwritable => {

@@ -1,7 +1,6 @@
 //! A frame in a program's hands, and its header.
 
 use std::mem::{offset_of, size_of};
-use std::sync::{Mutex, PoisonError};
 
 use uvcam_shm_ipc::{CONTRACT_VERSION, Flags, Frame, FrameHeader, PixelFormat};
 
@@ -11,7 +10,7 @@ use crate::handle::Table;
 
 /// Version of the contract between driver and consumers that this library speaks.
 pub const UVCAM_CONTRACT_VERSION: u16 = 2;
-/// Flag of a frame: a mask was applied; `mask_id` tells which.
+/// Flag of a frame: a mask was applied, and what it masks is black; `mask_id` tells which.
 pub const UVCAM_FLAG_MASKED: u32 = 1;
 /// Flag of a frame: it was rendered, not taken.
 pub const UVCAM_FLAG_SIMULATED: u32 = 2;
@@ -21,6 +20,8 @@ pub const UVCAM_FLAG_REPLAYED: u32 = 4;
 pub const UVCAM_FLAG_INCOMPLETE: u32 = 8;
 /// Flag of a frame: the device has no clock, and `device_timestamp_ns` says nothing.
 pub const UVCAM_FLAG_NO_DEVICE_CLOCK: u32 = 16;
+/// Flag of a frame: a mask was not applied and travels beside the frame; `mask_id` tells which.
+pub const UVCAM_FLAG_MASK_ATTACHED: u32 = 32;
 /// Pixel format, as PFNC numbers it: 8 bits in one byte.
 pub const UVCAM_MONO8: u32 = 0x0108_0001;
 /// Pixel format: 10 bits in two bytes, little-endian, value in the low bits.
@@ -37,6 +38,7 @@ const _: () = assert!(
     UVCAM_FLAG_REPLAYED == Flags::REPLAYED.bits() && UVCAM_FLAG_INCOMPLETE == Flags::INCOMPLETE.bits()
 );
 const _: () = assert!(UVCAM_FLAG_NO_DEVICE_CLOCK == Flags::NO_DEVICE_CLOCK.bits());
+const _: () = assert!(UVCAM_FLAG_MASK_ATTACHED == Flags::MASK_ATTACHED.bits());
 const _: () = assert!(UVCAM_MONO8 == PixelFormat::Mono8.code() && UVCAM_MONO10 == PixelFormat::Mono10.code());
 const _: () =
     assert!(UVCAM_MONO12 == PixelFormat::Mono12.code() && UVCAM_MONO16 == PixelFormat::Mono16.code());
@@ -65,7 +67,7 @@ pub struct uvcam_frame_header {
     pub flags: u32,
     /// Zero.
     pub reserved_picture: u32,
-    /// Identity of the mask that was applied; all zero where none was.
+    /// Identity of the mask that was applied or travels beside the frame; all zero where the camera flies without.
     pub mask_id: [u8; 16],
     /// Exposure time in us, as read back from the camera.
     pub exposure_us: f64,
@@ -126,7 +128,7 @@ pub struct uvcam_frame(());
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 #[allow(non_camel_case_types, reason = "its name in C")]
-pub struct uvcam_view {
+pub struct uvcam_frame_view {
     /// The header: a copy that was checked, so that `pixels` reaches as far as it says.
     pub header: *const uvcam_frame_header,
     /// The image, in the memory that the driver wrote: row by row from the top, `header->stride` bytes apart. Mapped for reading alone.
@@ -142,24 +144,25 @@ pub struct uvcam_view {
     pub epoch_changed: bool,
 }
 
-/// The mutex is for the library underneath, whose frames may go from thread to thread and not be shared. What is shown never changes.
-pub(crate) static FRAMES: Table<Mutex<Frame>> = Table::new("a frame");
+pub(crate) static FRAMES: Table<Frame> = Table::new("a frame");
 
 /// Shows a frame.
 ///
 /// # Safety
 /// Law 3 for `view`.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn uvcam_frame_view(frame: *const uvcam_frame, view: *mut uvcam_view) -> uvcam_status {
+pub unsafe extern "C" fn uvcam_frame_read(
+    frame: *const uvcam_frame,
+    view: *mut uvcam_frame_view,
+) -> uvcam_status {
     call(|| {
         // SAFETY: law 3.
         let place = unsafe { argument::place(view, "a place for a view") }?;
         // What is shown is the table's until the frame is released.
         let frame = FRAMES.get(frame)?;
-        let frame = frame.lock().unwrap_or_else(PoisonError::into_inner);
         let header = frame.header();
         let format = header.pixel_format().map_err(|error| Failure::fault(&error.to_string()))?;
-        place.write(uvcam_view {
+        place.write(uvcam_frame_view {
             header: std::ptr::from_ref(header).cast(),
             pixels: frame.pixels().as_ptr(),
             size: frame.pixels().len(),

@@ -15,5 +15,6 @@ mod error;
 mod frame;
 mod handle;
 mod health;
+mod mask;
 mod settings;
 mod subscriber;

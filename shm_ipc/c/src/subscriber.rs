@@ -1,7 +1,7 @@
 //! A consumer's end of a camera.
 
 use std::ffi::c_char;
-use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+use std::sync::{Mutex, TryLockError};
 use std::time::Duration;
 
 use uvcam_shm_ipc::{Frame, IpcError, Subscriber, Wakeup};
@@ -95,26 +95,30 @@ pub extern "C" fn uvcam_set_wakeup(subscriber: *mut uvcam_subscriber, wakeup: u3
     const FUTEX: u32 = uvcam_wakeup::UVCAM_WAKEUP_FUTEX as u32;
     const PREDICTIVE: u32 = uvcam_wakeup::UVCAM_WAKEUP_PREDICTIVE as u32;
     const EVENT: u32 = uvcam_wakeup::UVCAM_WAKEUP_EVENT as u32;
-    with(subscriber, |subscriber| {
-        subscriber.set_wakeup(match wakeup {
-            FUTEX => Wakeup::Futex,
-            PREDICTIVE => Wakeup::Predictive,
-            EVENT => Wakeup::Event,
-            other => {
-                let text = format!("{other} is not a wake-up: use one of uvcam_wakeup, 0 to {EVENT}");
-                return Err(Failure::argument(text));
-            }
-        });
-        Ok(UVCAM_OK)
+    call(|| {
+        using(subscriber, |subscriber| {
+            subscriber.set_wakeup(match wakeup {
+                FUTEX => Wakeup::Futex,
+                PREDICTIVE => Wakeup::Predictive,
+                EVENT => Wakeup::Event,
+                other => {
+                    let text = format!("{other} is not a wake-up: use one of uvcam_wakeup, 0 to {EVENT}");
+                    return Err(Failure::argument(text));
+                }
+            });
+            Ok(UVCAM_OK)
+        })
     })
 }
 
 /// Waits until a frame may be there, at most `timeout_ms`: UVCAM_OK, or UVCAM_NONE where none came. A signal handler does not end it.
 #[unsafe(no_mangle)]
 pub extern "C" fn uvcam_wait(subscriber: *mut uvcam_subscriber, timeout_ms: u32) -> uvcam_status {
-    with(subscriber, |subscriber| {
-        let has_come = subscriber.wait(Duration::from_millis(timeout_ms.into()))?;
-        Ok(if has_come { UVCAM_OK } else { UVCAM_NONE })
+    call(|| {
+        using(subscriber, |subscriber| {
+            let has_come = subscriber.wait(Duration::from_millis(timeout_ms.into()))?;
+            Ok(if has_come { UVCAM_OK } else { UVCAM_NONE })
+        })
     })
 }
 
@@ -154,17 +158,19 @@ pub unsafe extern "C" fn uvcam_get_counters(
     subscriber: *mut uvcam_subscriber,
     counters: *mut uvcam_counters,
 ) -> uvcam_status {
-    with(subscriber, |subscriber| {
-        // SAFETY: law 3.
-        let place = unsafe { argument::place(counters, "a place for counters") }?;
-        place.write(uvcam_counters {
-            frames: subscriber.frames(),
-            lost: subscriber.lost(),
-            epochs: subscriber.epochs(),
-            rejected: subscriber.rejected(),
-            connected: subscriber.is_connected(),
-        });
-        Ok(UVCAM_OK)
+    call(|| {
+        using(subscriber, |subscriber| {
+            // SAFETY: law 3.
+            let place = unsafe { argument::place(counters, "a place for counters") }?;
+            place.write(uvcam_counters {
+                frames: subscriber.frames(),
+                lost: subscriber.lost(),
+                epochs: subscriber.epochs(),
+                rejected: subscriber.rejected(),
+                connected: subscriber.is_connected(),
+            });
+            Ok(UVCAM_OK)
+        })
     })
 }
 
@@ -179,27 +185,23 @@ unsafe fn receive(
         // SAFETY: law 3. Looked at before a frame is taken that nobody could release.
         let place = unsafe { argument::place(frame, "a place for a frame") }?;
         let place = place.write(std::ptr::null_mut());
-        let subscriber = SUBSCRIBERS.get(subscriber)?;
-        let Some(frame) = take(&mut *lock(&subscriber)?)? else { return Ok(UVCAM_NONE) };
-        *place = FRAMES.insert(Mutex::new(frame));
+        let Some(frame) = using(subscriber, |subscriber| Ok(take(subscriber)?))? else {
+            return Ok(UVCAM_NONE);
+        };
+        *place = FRAMES.insert(frame);
         Ok(UVCAM_OK)
     })
 }
 
 /// Calls `body` with what a handle stands for, while no other thread uses it.
-fn with(
+pub(crate) fn using<T>(
     subscriber: *mut uvcam_subscriber,
-    body: impl FnOnce(&mut Subscriber) -> Result<uvcam_status, Failure>,
-) -> uvcam_status {
-    call(|| {
-        let subscriber = SUBSCRIBERS.get(subscriber)?;
-        body(&mut *lock(&subscriber)?)
-    })
-}
-
-fn lock(subscriber: &Arc<Mutex<Subscriber>>) -> Result<MutexGuard<'_, Subscriber>, Failure> {
-    subscriber.try_lock().map_err(|error| match error {
-        TryLockError::WouldBlock => Failure::busy(KIND),
-        TryLockError::Poisoned(_) => Failure::fault("this subscriber has failed before: close it"),
-    })
+    body: impl FnOnce(&mut Subscriber) -> Result<T, Failure>,
+) -> Result<T, Failure> {
+    let subscriber = SUBSCRIBERS.get(subscriber)?;
+    match subscriber.try_lock() {
+        Ok(mut subscriber) => body(&mut subscriber),
+        Err(TryLockError::WouldBlock) => Err(Failure::busy(KIND)),
+        Err(TryLockError::Poisoned(_)) => Err(Failure::fault("this subscriber has failed before: close it")),
+    }
 }

@@ -22,8 +22,8 @@ int main(int argc, char **argv)
         uvcam_frame *frame;
         uvcam_status status;
         while ((status = uvcam_receive(subscriber, &frame)) == UVCAM_OK) {
-            uvcam_view view;
-            if (uvcam_frame_view(frame, &view) != UVCAM_OK)
+            uvcam_frame_view view;
+            if (uvcam_frame_read(frame, &view) != UVCAM_OK)
                 return fail();
             tell(view.header, view.pixels, view.size, view.lost_before, view.epoch_changed);
             if (uvcam_frame_release(frame) != UVCAM_OK)

@@ -44,8 +44,8 @@ static void null_and_nonsense(void)
     CHECK_FAILS(uvcam_close(NULL), UVCAM_ERROR_ARGUMENT, "NULL is not a subscriber");
     /* What is nobody's handle, and never was. */
     uvcam_frame *frame = (uvcam_frame *)&frame;
-    uvcam_view view;
-    CHECK_FAILS(uvcam_frame_view(frame, &view), UVCAM_ERROR_HANDLE, "is not a frame");
+    uvcam_frame_view view;
+    CHECK_FAILS(uvcam_frame_read(frame, &view), UVCAM_ERROR_HANDLE, "is not a frame");
     CHECK_FAILS(uvcam_frame_release((uvcam_frame *)UINTPTR_MAX), UVCAM_ERROR_HANDLE, "is not a frame");
     CHECK_FAILS(uvcam_wait((uvcam_subscriber *)&settings, 0), UVCAM_ERROR_HANDLE, "is not a subscriber");
 }
@@ -57,9 +57,9 @@ static void frames(void)
     CHECK_FAILS(uvcam_get_counters(subscriber, NULL), UVCAM_ERROR_ARGUMENT, "a place for counters");
     CHECK_FAILS(uvcam_set_wakeup(subscriber, 3), UVCAM_ERROR_ARGUMENT, "3 is not a wake-up");
     uvcam_frame *frame = received(subscriber);
-    uvcam_view view;
-    CHECK_FAILS(uvcam_frame_view(frame, NULL), UVCAM_ERROR_ARGUMENT, "a place for a view");
-    CHECK(uvcam_frame_view(frame, &view) == UVCAM_OK);
+    uvcam_frame_view view;
+    CHECK_FAILS(uvcam_frame_read(frame, NULL), UVCAM_ERROR_ARGUMENT, "a place for a view");
+    CHECK(uvcam_frame_read(frame, &view) == UVCAM_OK);
     CHECK(view.size == (size_t)view.header->stride * (view.header->height - 1) + view.row_size);
     /* One kind of handle is not another. */
     CHECK_FAILS(uvcam_close((uvcam_subscriber *)frame), UVCAM_ERROR_HANDLE, "is not a subscriber");
@@ -68,8 +68,8 @@ static void frames(void)
     CHECK(uvcam_frame_release(frame) == UVCAM_OK);
     uvcam_frame *other = received(subscriber);
     CHECK_FAILS(uvcam_frame_release(frame), UVCAM_ERROR_HANDLE, "released before");
-    CHECK_FAILS(uvcam_frame_view(frame, &view), UVCAM_ERROR_HANDLE, "released before");
-    CHECK(uvcam_frame_view(other, &view) == UVCAM_OK);
+    CHECK_FAILS(uvcam_frame_read(frame, &view), UVCAM_ERROR_HANDLE, "released before");
+    CHECK(uvcam_frame_read(other, &view) == UVCAM_OK);
     CHECK(uvcam_frame_release(other) == UVCAM_OK);
     CHECK(uvcam_close(subscriber) == UVCAM_OK);
 }
@@ -95,8 +95,8 @@ static void too_many(void)
     CHECK_FAILS(uvcam_receive(subscriber, &held[4]), UVCAM_ERROR_HANDLE, "closed");
     CHECK_FAILS(uvcam_close(subscriber), UVCAM_ERROR_HANDLE, "closed");
     for (size_t at = 0; at < count; ++at) {
-        uvcam_view view;
-        CHECK(uvcam_frame_view(held[at], &view) == UVCAM_OK);
+        uvcam_frame_view view;
+        CHECK(uvcam_frame_read(held[at], &view) == UVCAM_OK);
         unsigned sum = 0;
         for (size_t byte = 0; byte < view.size; byte += 997)
             sum += view.pixels[byte];

@@ -2,9 +2,10 @@
 
 use serde::Serialize;
 use uvcam_masker::MaskId;
-use uvcam_shm_ipc::{FrameHeader, Subscriber};
+use uvcam_shm_ipc::health::MaskMode;
+use uvcam_shm_ipc::{Flags, FrameHeader, Subscriber};
 
-use crate::cmd::table::{LatencyUs, rows};
+use crate::cmd::table::{LatencyUs, describe_mask, rows};
 use crate::latency::LatencyHistogram;
 
 /// Everything counted since the command began.
@@ -19,6 +20,7 @@ pub(super) struct Tally {
     last_arrival_ns: u64,
     size: (u32, u32),
     mask_id: MaskId,
+    flags: Flags,
     latency: LatencyHistogram,
 }
 
@@ -32,6 +34,7 @@ struct Report<'a> {
     width: u32,
     height: u32,
     mask_id: Option<String>,
+    mask_mode: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     masked_nonzero: Option<u64>,
     /// From the driver's send to this command's receipt, microseconds.
@@ -51,6 +54,7 @@ impl Tally {
             last_arrival_ns: 0,
             size: (0, 0),
             mask_id: MaskId::NONE,
+            flags: Flags::NONE,
             latency: LatencyHistogram::default(),
         }
     }
@@ -64,6 +68,7 @@ impl Tally {
         self.masked_nonzero += masked_nonzero;
         self.size = (header.width, header.height);
         self.mask_id = MaskId(header.mask_id);
+        self.flags = header.flags;
         self.latency.record(received_ns.saturating_sub(header.send_monotonic_ns));
     }
 
@@ -86,6 +91,15 @@ impl Tally {
         (self.mask_id != MaskId::NONE).then(|| self.mask_id.to_string())
     }
 
+    /// Of the last frame.
+    fn mask_mode(&self) -> MaskMode {
+        match self.flags {
+            flags if flags.contains(Flags::MASKED) => MaskMode::Blank,
+            flags if flags.contains(Flags::MASK_ATTACHED) => MaskMode::Attach,
+            _ => MaskMode::None,
+        }
+    }
+
     pub(super) fn json(&self) -> String {
         let report = Report {
             camera: &self.camera,
@@ -96,6 +110,7 @@ impl Tally {
             width: self.size.0,
             height: self.size.1,
             mask_id: self.mask_id(),
+            mask_mode: self.mask_mode().as_str(),
             masked_nonzero: self.with_mask.then_some(self.masked_nonzero),
             latency_us: self.latency_us(),
         };
@@ -110,7 +125,7 @@ impl Tally {
             ("fps", format!("{:.2}", self.fps())),
             ("lost", self.lost.to_string()),
             ("epochs", self.epochs.to_string()),
-            ("mask", self.mask_id().unwrap_or_else(|| "none".into())),
+            ("mask", describe_mask(self.mask_id().as_deref(), self.mask_mode() == MaskMode::Attach)),
         ];
         if self.with_mask {
             cells.push(("masked pixels that were not black", self.masked_nonzero.to_string()));

@@ -265,6 +265,7 @@ fn keys_and_words_of_others() {
             "pixel_format = \"mono8\"\nmask =",
             "pixel_format: found \"mono8\" (did you mean \"Mono8\"?)",
         ),
+        ("mask =", "mask_mode = \"atach\"\nmask =", "mask_mode: found \"atach\" (did you mean \"attach\"?)"),
         ("mask =", "source.device = 1\nmask =", "not TOML"),
     ]);
 }

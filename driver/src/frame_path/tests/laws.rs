@@ -4,10 +4,12 @@ use std::sync::atomic::AtomicU64;
 
 use tracing::span::{Attributes, Id, Record};
 use tracing::{Event as LogEvent, Metadata};
-use uvcam_masker::ImageView;
+use uvcam_masker::{ImageView, Mask};
 use uvcam_shm_ipc::Frame;
 
 use super::*;
+use crate::config::MaskMode;
+use crate::mask::FlyingMask;
 
 /// A path and its consumers.
 struct Scene {
@@ -23,7 +25,13 @@ impl Scene {
         let place = Place::new();
         let publisher = Publisher::create(&place.settings, "left", (WIDTH * HEIGHT) as usize, SLOTS).unwrap();
         let camera = Instant::new();
-        Scene { place, publisher, camera, mask: Some(Arc::new(mask)), counters: Counters::default() }
+        Scene {
+            place,
+            publisher,
+            camera,
+            mask: Some(Arc::new(FlyingMask::new(mask, MaskMode::Blank))),
+            counters: Counters::default(),
+        }
     }
 
     fn subscriber(&self) -> Subscriber {

@@ -11,7 +11,7 @@ use uvcam_shm_ipc::{PixelFormat, Slot, monotonic_ns};
 
 use crate::camera::source::CameraSource;
 use crate::camera::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
-use crate::config::{CameraConfig, Generate, Ipc, MaskChoice, Simulated, Source};
+use crate::config::{CameraConfig, Generate, Ipc, MaskChoice, MaskMode, Simulated, Source};
 use crate::counters::Counters;
 use crate::error::with_causes;
 use crate::frame_path::Command;
@@ -128,6 +128,7 @@ impl Rig {
             }),
             settings: settings(),
             mask: self.mask,
+            mask_mode: MaskMode::default(),
             generate: Generate::default(),
             realtime: Realtime::default(),
         };
