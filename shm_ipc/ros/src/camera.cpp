@@ -29,6 +29,8 @@ Camera::Camera(const ros::NodeHandle &node, const ros::NodeHandle &private_node,
     : name_(name), parameters_(read_parameters(private_node, name)),
       calibration_(private_node, parameters_.camera_name, parameters_.calib_url),
       publisher_(image_transport::ImageTransport(private_node).advertiseCamera("image_raw", parameters_.queue_size)),
+      mask_publisher_(ros::NodeHandle(node).advertise<sensor_msgs::Image>(
+          ros::names::append(ros::names::parentNamespace(publisher_.getTopic()), "mask"), 1, true)),
       report_(node, private_node, name, parameters_) {
     // Here, as it reads a file.
     calibration_.isCalibrated();
@@ -81,33 +83,31 @@ void Camera::take(const uvcam::Frame &frame) {
     if (!frame.is_masked() && !parameters_.allow_unmasked)
         return refuse(frame);
     is_refusing_ = false;
-    if (frame.is_masked() && frame.mask_id() != mask_id_)
-        mask_changed(frame.mask_id());
     fill(frame);
-    const uvcam::Header &header = frame.header();
-    publish(images_.copy_of(frame), header.mid_exposure_realtime_ns);
-    last_ = {header.mid_exposure_monotonic_ns, header.mid_exposure_realtime_ns};
+    publish(images_.copy_of(frame), frame.header().mid_exposure_realtime_ns);
+    last_mid_exposure_ns_ = frame.header().mid_exposure_monotonic_ns;
     report_.frame(frame, false);
+    publish_mask(frame);
 }
 
 void Camera::refuse(const uvcam::Frame &frame) {
     if (!is_refusing_)
-        ROS_ERROR("%s: frames of \"%s\" have no mask and show the own airframe; they are not published. Give the camera a mask, or set "
-                  "allow_unmasked.",
+        ROS_ERROR("%s: frames of \"%s\" are not masked and show the own airframe: they are not published. Let the driver apply a mask, or "
+                  "set allow_unmasked.",
                   name_.c_str(), parameters_.camera.c_str());
     is_refusing_ = true;
-    last_.reset();
+    last_mid_exposure_ns_.reset();
     report_.frame(frame, true);
 }
 
 void Camera::fill(const uvcam::Frame &frame) {
     const std::uint64_t lost = frame.lost_before();
     // Between two epochs, time passes of which nobody knows how many frames it was.
-    if (lost == 0 || lost > parameters_.fill_lost || frame.epoch_changed() || !last_)
+    if (lost == 0 || lost > parameters_.fill_lost || frame.epoch_changed() || !last_mid_exposure_ns_)
         return;
     const uvcam::Header &header = frame.header();
     // On the clock that does not step.
-    const std::uint64_t step_ns = (header.mid_exposure_monotonic_ns - last_->monotonic_ns) / (lost + 1);
+    const std::uint64_t step_ns = (header.mid_exposure_monotonic_ns - *last_mid_exposure_ns_) / (lost + 1);
     // A subscriber whose queue holds one message gets each only where it has the time to take it.
     const auto apart = std::chrono::nanoseconds(std::min(header.frame_period_ns, LONGEST_DELAY_NS) / (lost + 1));
     for (std::uint64_t left = lost; left > 0; --left) {
@@ -138,9 +138,30 @@ sensor_msgs::CameraInfoPtr Camera::info_for(const sensor_msgs::Image &image) {
     return info;
 }
 
-void Camera::mask_changed(const uvcam::MaskId &id) {
-    mask_id_ = id;
-    ROS_INFO("%s: masked by %s", name_.c_str(), hexadecimal(id).c_str());
+void Camera::publish_mask(const uvcam::Frame &frame) {
+    if ((frame.header().flags & (UVCAM_FLAG_MASKED | UVCAM_FLAG_MASK_ATTACHED)) == 0)
+        return;
+    if (mask_id_ != frame.mask_id()) {
+        mask_id_ = frame.mask_id();
+        mask_since_ns_ = frame.header().mid_exposure_realtime_ns;
+        is_mask_published_ = false;
+    }
+    if (is_mask_published_)
+        return;
+    const auto mask = subscriber_->try_mask_of(frame);
+    if (!mask) {
+        // The next frame asks again.
+        if (mask.error().status() != UVCAM_ERROR_MASK_PENDING)
+            ROS_ERROR_THROTTLE(60, "%s: no mask image: %s", name_.c_str(), mask.error().what());
+        return;
+    }
+    if (!*mask)
+        return;
+    const auto image = image_of(**mask);
+    image->header.stamp.fromNSec(mask_since_ns_);
+    image->header.frame_id = parameters_.frame_id;
+    mask_publisher_.publish(image);
+    is_mask_published_ = true;
 }
 
 bool Camera::is_ending() {

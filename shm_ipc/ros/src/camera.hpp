@@ -20,8 +20,8 @@
 
 namespace uvcam_ros {
 
-/// Publishes one of uvcam's cameras: image_raw, camera_info and diagnostics. The driver, and the ROS master, may come later, go, and come
-/// back.
+/// Publishes one of uvcam's cameras: image_raw, camera_info, mask and diagnostics. The driver, and the ROS master, may come later, go, and
+/// come back.
 ///
 /// One thread waits for frames and publishes them. Another one does what may take long: diagnostics, and talking to the master.
 class Camera {
@@ -35,11 +35,6 @@ class Camera {
     Camera &operator=(const Camera &) = delete;
 
   private:
-    /// When a picture was taken, on both clocks, in ns.
-    struct Instant {
-        std::uint64_t monotonic_ns, realtime_ns;
-    };
-
     void publish_frames();
     void look_after();
     void take(const uvcam::Frame &frame);
@@ -47,7 +42,7 @@ class Camera {
     void fill(const uvcam::Frame &frame);
     void publish(const sensor_msgs::ImagePtr &image, std::uint64_t stamp_ns);
     sensor_msgs::CameraInfoPtr info_for(const sensor_msgs::Image &image);
-    void mask_changed(const uvcam::MaskId &id);
+    void publish_mask(const uvcam::Frame &frame);
     bool is_ending();
     /// Waits; returns whether this is not to end meanwhile.
     bool pause(std::chrono::nanoseconds time);
@@ -56,13 +51,17 @@ class Camera {
     const Parameters parameters_;
     camera_info_manager::CameraInfoManager calibration_;
     image_transport::CameraPublisher publisher_;
+    ros::Publisher mask_publisher_;
     Report report_;
     // Of the thread that publishes frames alone, down to the next remark.
     std::optional<uvcam::Subscriber> subscriber_;
     Images images_;
-    /// Of the last frame that was published, where the next one may follow without a gap.
-    std::optional<Instant> last_;
+    /// Of the last frame, where it was published.
+    std::optional<std::uint64_t> last_mid_exposure_ns_;
+    /// The mask that frames name, and the stamp of the first of them.
     std::optional<uvcam::MaskId> mask_id_;
+    std::uint64_t mask_since_ns_ = 0;
+    bool is_mask_published_ = false;
     bool is_refusing_ = false;
     // Of all threads.
     std::mutex mutex_;

@@ -52,4 +52,13 @@ sensor_msgs::ImagePtr Images::shaped_as(const uvcam::Frame &frame) {
     return image;
 }
 
+sensor_msgs::ImagePtr image_of(const uvcam::Mask &mask) {
+    auto image = boost::make_shared<sensor_msgs::Image>();
+    image->encoding = sensor_msgs::image_encodings::MONO8;
+    image->width = image->step = mask.width();
+    image->height = mask.height();
+    image->data.assign(mask.pixels().begin(), mask.pixels().end());
+    return image;
+}
+
 } // namespace uvcam_ros

@@ -25,6 +25,9 @@ class Images {
     std::vector<sensor_msgs::ImagePtr> kept_;
 };
 
+/// A mask as mono8: 0 discard, 255 keep.
+sensor_msgs::ImagePtr image_of(const uvcam::Mask &mask);
+
 } // namespace uvcam_ros
 
 #endif // UVCAM_ROS_IMAGES_HPP

@@ -7,8 +7,10 @@
 
 int main(int count, char **words) {
     ros::init(count, words, "camera");
+    // The last handle ends ROS, and with it what could say why this failed.
+    const ros::NodeHandle node;
     try {
-        uvcam_ros::Camera camera(ros::NodeHandle(), ros::NodeHandle("~"), ros::this_node::getName());
+        uvcam_ros::Camera camera(node, ros::NodeHandle("~"), ros::this_node::getName());
         ros::spin();
     } catch (const std::exception &error) {
         ROS_FATAL("%s: %s", ros::this_node::getName().c_str(), error.what());

@@ -3,6 +3,8 @@
 
 #include <time.h>
 
+#include <algorithm>
+
 namespace uvcam_ros {
 namespace {
 
@@ -30,7 +32,7 @@ std::string hexadecimal(const uvcam::MaskId &id) {
 Report::Report(const ros::NodeHandle &node, const ros::NodeHandle &private_node, const std::string &name,
                const Parameters &parameters)
     : parameters_(parameters), frequency_({&rate_hz_, &rate_hz_, 0.1, 5}, "rate"),
-      updater_(node, private_node, name.substr(name.find_first_not_of('/'))) {
+      updater_(node, private_node, name) {
     updater_.setHardwareID(parameters.camera);
     updater_.add(frequency_);
     updater_.add("frames", this, &Report::frames);
@@ -82,7 +84,7 @@ void Report::frames(Status &status) {
     else if (tally.counters.frames == 0)
         status.summary(Level::ERROR, tally.counters.connected ? "no frame yet" : "no driver runs yet");
     else if (tally.is_refused)
-        status.summary(Level::ERROR, "not published: frames without a mask show the own airframe; allow_unmasked publishes them");
+        status.summary(Level::ERROR, "not published: frames are not masked and show the own airframe; allow_unmasked publishes them");
     else if (lost > 0)
         status.summaryf(Level::WARN, "%llu lost since the last report", static_cast<unsigned long long>(lost));
     else
@@ -126,13 +128,19 @@ void Report::driver(Status &status) {
 }
 
 void Report::look_at_health() {
-    if (!reader_)
+    const std::uint64_t now_ns = monotonic_ns();
+    if (!reader_) {
         reader_ = uvcam::HealthReader::open(parameters_.camera, parameters_.settings);
+        sign_of_life_ns_ = now_ns;
+    }
     if (!reader_)
         return;
-    if (auto newer = reader_->read(std::chrono::milliseconds(0)))
+    if (const auto newer = reader_->read(std::chrono::milliseconds(0))) {
         health_ = newer;
-    if (!health_ || monotonic_ns() - health_->written_monotonic_ns > OLD_NS) {
+        sign_of_life_ns_ = newer->written_monotonic_ns;
+    }
+    // What was written after the clock was read is not old.
+    if (now_ns > sign_of_life_ns_ && now_ns - sign_of_life_ns_ > OLD_NS) {
         health_.reset();
         reader_.reset();
     }

@@ -56,6 +56,8 @@ class Report {
     double rate_hz_ = 0;
     std::optional<uvcam::HealthReader> reader_;
     std::optional<uvcam::Health> health_;
+    /// CLOCK_MONOTONIC in ns of the last record, or of the first look for one.
+    std::uint64_t sign_of_life_ns_ = 0;
     diagnostic_updater::FrequencyStatus frequency_;
     diagnostic_updater::Updater updater_;
 };
