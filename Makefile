@@ -33,7 +33,7 @@ missing = $(shell for package in $(1); do dpkg-query -W -f '$${Status}' $$packag
 
 .PHONY: help
 help: ## List the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## /{ printf "make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{ printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 .PHONY: demo
 demo: packages ## Run the driver on a simulated camera, with a consumer beside it, for about ten seconds

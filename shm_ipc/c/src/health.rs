@@ -248,7 +248,7 @@ fn latency(latency: &Latency) -> uvcam_latency {
 /// A text with a zero behind it, cut at a character where it is too long.
 fn chars<const N: usize>(text: &str) -> [c_char; N] {
     let mut chars = [0; N];
-    let room = text.floor_char_boundary(N - 1);
+    let room = (0..=text.len().min(N - 1)).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
     for (to, from) in chars.iter_mut().zip(text.bytes().take(room)) {
         *to = from as c_char;
     }
@@ -262,7 +262,7 @@ mod tests {
     use super::*;
 
     fn read(text: &[c_char]) -> String {
-        let bytes: Vec<u8> = text.iter().map(|char| *char as u8).collect();
+        let bytes: Vec<u8> = text.iter().flat_map(|char| char.to_ne_bytes()).collect();
         CStr::from_bytes_until_nul(&bytes).unwrap().to_str().unwrap().to_owned()
     }
 

@@ -46,6 +46,18 @@ int main(int argc, char **argv) {
         // A frame that is assigned to gives its slot back: more come than may be held.
         for (int count = 0; count < 10; ++count)
             kept = received(subscriber);
+        std::optional<uvcam::Mask> mask;
+        while (!mask) {
+            auto asked = subscriber.try_mask_of(*kept, 3);
+            CHECK(asked ? asked->has_value() : asked.error().status() == UVCAM_ERROR_MASK_PENDING);
+            if (asked)
+                mask = *std::move(asked);
+            else
+                CHECK(subscriber.try_wait(std::chrono::milliseconds(1)));
+        }
+        // The mask of the test blanks the lower 40 rows, here 3 more.
+        CHECK(mask->id() == kept->mask_id() && mask->masked_px() == 752 * 40 && mask->runs().size() == 40);
+        CHECK(mask->pixels()[752 * 436] == 255 && mask->pixels()[752 * 437] == 0);
         CHECK(subscriber.try_wait(PATIENCE).has_value());
         CHECK(subscriber.try_receive_latest());
         auto counters = subscriber.try_counters();

@@ -1,7 +1,7 @@
 // UVDAR's rule for blinking markers, on live frames: prints where they are.
 //
-//     c++ -std=c++17 -O2 detect_markers.cpp $(pkg-config --cflags --libs uvcam) -o detect_markers
-//     ./detect_markers CAMERA [PREFIX ROOT_PATH]
+//     c++ -std=c++17 -O2 uvdar_markers.cpp $(pkg-config --cflags --libs uvcam) -o uvdar_markers
+//     ./uvdar_markers CAMERA [PREFIX ROOT_PATH]
 //
 // A marker is a small bright spot: a pixel of at least THRESHOLD that is brighter, by half of that, than all pixels on a ring around it.
 // Where a ring of radius 3 tells neither a marker nor the sun, which is as bright all around, one of radius 4 does. Pixels of one spot
