@@ -28,7 +28,8 @@ constexpr std::uint64_t LONGEST_DELAY_NS = 100'000'000;
 Camera::Camera(const ros::NodeHandle &node, const ros::NodeHandle &private_node, const std::string &name)
     : name_(name), parameters_(read_parameters(private_node, name)),
       calibration_(private_node, parameters_.camera_name, parameters_.calib_url),
-      publisher_(image_transport::ImageTransport(private_node).advertiseCamera("image_raw", parameters_.queue_size)),
+      publisher_(image_transport::ImageTransport(private_node)
+                     .advertiseCamera("image_raw", parameters_.queue_size)),
       mask_publisher_(ros::NodeHandle(node).advertise<sensor_msgs::Image>(
           ros::names::append(ros::names::parentNamespace(publisher_.getTopic()), "mask"), 1, true)),
       report_(node, private_node, name, parameters_) {
@@ -57,7 +58,7 @@ void Camera::publish_frames() {
                 subscriber_->set_wakeup(parameters_.wakeup);
             }
             subscriber_->wait(NAP);
-            while (auto frame = subscriber_->receive())
+            while (auto frame = is_ending() ? std::nullopt : subscriber_->receive())
                 take(*frame);
             report_.counters(subscriber_->counters());
             last_failure.clear();
@@ -92,8 +93,8 @@ void Camera::take(const uvcam::Frame &frame) {
 
 void Camera::refuse(const uvcam::Frame &frame) {
     if (!is_refusing_)
-        ROS_ERROR("%s: frames of \"%s\" are not masked and show the own airframe: they are not published. Let the driver apply a mask, or "
-                  "set allow_unmasked.",
+        ROS_ERROR("%s: frames of \"%s\" are not masked and show the own airframe: they are not published. Let the "
+                  "driver apply a mask, or set allow_unmasked.",
                   name_.c_str(), parameters_.camera.c_str());
     is_refusing_ = true;
     last_mid_exposure_ns_.reset();
@@ -107,6 +108,8 @@ void Camera::fill(const uvcam::Frame &frame) {
         return;
     const uvcam::Header &header = frame.header();
     // On the clock that does not step.
+    if (header.mid_exposure_monotonic_ns <= *last_mid_exposure_ns_)
+        return;
     const std::uint64_t step_ns = (header.mid_exposure_monotonic_ns - *last_mid_exposure_ns_) / (lost + 1);
     // A subscriber whose queue holds one message gets each only where it has the time to take it.
     const auto apart = std::chrono::nanoseconds(std::min(header.frame_period_ns, LONGEST_DELAY_NS) / (lost + 1));
@@ -128,8 +131,8 @@ sensor_msgs::CameraInfoPtr Camera::info_for(const sensor_msgs::Image &image) {
     auto info = boost::make_shared<sensor_msgs::CameraInfo>(calibration_.getCameraInfo());
     if (info->width != image.width || info->height != image.height) {
         if (info->width != 0)
-            ROS_WARN_THROTTLE(60, "%s: the calibration is for %u x %u px, frames have %u x %u: it is not published.", name_.c_str(),
-                              info->width, info->height, image.width, image.height);
+            ROS_WARN_THROTTLE(60, "%s: the calibration is for %u x %u px, frames have %u x %u: it is not published.",
+                              name_.c_str(), info->width, info->height, image.width, image.height);
         *info = sensor_msgs::CameraInfo();
         info->width = image.width;
         info->height = image.height;

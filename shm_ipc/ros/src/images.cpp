@@ -39,7 +39,8 @@ sensor_msgs::ImagePtr Images::black_like(const uvcam::Frame &frame) {
 
 sensor_msgs::ImagePtr Images::shaped_as(const uvcam::Frame &frame) {
     // Nobody can begin to hold what this alone holds.
-    const auto free = std::find_if(kept_.begin(), kept_.end(), [](const auto &image) { return image.use_count() == 1; });
+    const auto is_free = [](const sensor_msgs::ImagePtr &image) { return image.use_count() == 1; };
+    const auto free = std::find_if(kept_.begin(), kept_.end(), is_free);
     auto image = free != kept_.end() ? *free : boost::make_shared<sensor_msgs::Image>();
     if (free == kept_.end() && kept_.size() < MOST_KEPT)
         kept_.push_back(image);

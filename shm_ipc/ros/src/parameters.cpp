@@ -32,8 +32,8 @@ class Reader {
     std::uint32_t number(const std::string &key, int otherwise, int least, int most) {
         const int number = value(key, otherwise);
         if (number < least || number > most)
-            throw std::invalid_argument(node_.resolveName(key) + " = " + std::to_string(number) + " is not from " +
-                                        std::to_string(least) + " to " + std::to_string(most));
+            throw std::invalid_argument(node_.resolveName(key) + " = " + std::to_string(number) +
+                                        " is not from " + std::to_string(least) + " to " + std::to_string(most));
         return static_cast<std::uint32_t>(number);
     }
 
@@ -94,8 +94,8 @@ Parameters read_parameters(const ros::NodeHandle &node, const std::string &name)
     read.allow_unmasked = reader.value("allow_unmasked", false);
     const std::string unread = reader.unread();
     if (!unread.empty())
-        ROS_WARN("%s: not read here: %s. The camera's settings are those of uvcam's configuration.", name.c_str(),
-                 unread.c_str());
+        ROS_WARN("%s: not read here: %s. The camera's settings are those of uvcam's configuration.",
+                 name.c_str(), unread.c_str());
     return read;
 }
 

@@ -84,9 +84,10 @@ void Report::frames(Status &status) {
     else if (tally.counters.frames == 0)
         status.summary(Level::ERROR, tally.counters.connected ? "no frame yet" : "no driver runs yet");
     else if (tally.is_refused)
-        status.summary(Level::ERROR, "not published: frames are not masked and show the own airframe; allow_unmasked publishes them");
+        status.summary(Level::ERROR,
+                       "not published: frames are not masked and show the own airframe; allow_unmasked publishes them");
     else if (lost > 0)
-        status.summaryf(Level::WARN, "%llu lost since the last report", static_cast<unsigned long long>(lost));
+        status.summary(Level::WARN, std::to_string(lost) + " lost since the last report");
     else
         status.summary(Level::OK, "none lost since the last report");
     status.add("published", tally.published);
