@@ -5,7 +5,7 @@
 # Where a folder is not ours, root must act.
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PACKAGES := build-essential pkg-config libclang-dev libaravis-dev libusb-1.0-0-dev
-TEST_PACKAGES := aravis-tools clang cmake iproute2 libopencv-core-dev systemd udev util-linux valgrind
+TEST_PACKAGES := aravis-tools clang cmake iproute2 libopencv-core-dev python3 systemd udev util-linux valgrind
 LAB_PACKAGES := binutils busybox-static qemu-system-x86 udev
 # ROS 1 of Debian.
 ROS_PACKAGES := catkin cmake libcamera-info-manager-dev libdiagnostic-updater-dev libnodelet-dev libnodeletlib-dev libnodeletlib-tools \

@@ -1,10 +1,11 @@
 //! The command line. It only names things; [`crate::config`] and the commands give them meaning.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
-
-use crate::generator::Wish;
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use uvcam_masker::generate::{LEAF_SIZES, Parameters};
+use uvcam_shm_ipc::control::{EXPOSURE_US, FRAMES, GAIN_DB, GenerateRequest};
 
 /// Onboard camera driver: fixed exposure, airframe mask applied in line, frames to every consumer without a copy.
 #[derive(Debug, Parser)]
@@ -122,9 +123,75 @@ pub struct Generate {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
-    /// How the mask is made
-    #[command(flatten)]
-    pub wish: Wish,
+    /// How the mask is computed
+    #[arg(long, value_enum, default_value_t)]
+    pub method: Method,
+    /// Most frames of the fused method
+    #[arg(long, value_name = "N", default_value_t = GenerateRequest::default().frames)]
+    #[arg(help = format!("Frames that the fused method takes at most, {} to {}", FRAMES.least, FRAMES.most))]
+    pub frames: u32,
+    /// Columns x0 to x1 and rows y0 to y1 that are not the airframe, H_cam; an empty end is the image border
+    #[arg(long, value_name = "X0:X1:Y0:Y1", allow_hyphen_values = true)]
+    pub ignore: Vec<String>,
+    /// Make a mask that is very different from the one in force, for another airframe or another place of the camera
+    #[arg(long)]
+    pub replace: bool,
+    /// Exposure time
+    #[arg(long, value_name = "E", allow_negative_numbers = true)]
+    #[arg(help = format!("Exposure time of lit frames, {EXPOSURE_US}"))]
+    pub exposure_us: Option<f64>,
+    /// Gain
+    #[arg(long, value_name = "G", allow_negative_numbers = true)]
+    #[arg(help = format!("Gain of lit frames, {GAIN_DB}"))]
+    pub gain_db: Option<f64>,
+    /// sigma
+    #[arg(long, value_name = "LEVEL")]
+    #[arg(help = format!(
+        "sigma: a pixel brighter than this is a candidate, {}; with the fused method, light below a quarter of it is too weak",
+        range(&Parameters::SIGMA)
+    ))]
+    pub sigma: Option<u32>,
+    /// eta
+    #[arg(long, value_name = "PIXELS")]
+    #[arg(help = format!("eta: the mask needs more candidates |P| than this, {}", range(&Parameters::ETA)))]
+    pub eta: Option<u32>,
+    /// Bucket size of the k-d tree
+    #[arg(long, value_name = "POINTS")]
+    #[arg(help = format!(
+        "Bucket size of the k-d tree of the published method, one of {LEAF_SIZES:?}; matters for speed alone"
+    ))]
+    pub leaf: Option<u32>,
+    /// k
+    #[arg(long, value_name = "POINTS")]
+    #[arg(help = format!(
+        "k: neighbours that the published method connects with each candidate, itself included, {}",
+        range(&Parameters::K)
+    ))]
+    pub k: Option<u32>,
+    /// tau
+    #[arg(long, value_name = "PIXELS")]
+    #[arg(help = format!(
+        "tau: the published method connects neighbours nearer than this, up to {}",
+        Parameters::LARGEST_TAU
+    ))]
+    pub tau: Option<f64>,
+    /// kappa
+    #[arg(long, value_name = "PIXELS")]
+    #[arg(help = format!(
+        "kappa: thickness of the drawn contours, {}; the mask grows by half of it",
+        range(&Parameters::KAPPA)
+    ))]
+    pub kappa: Option<u32>,
+}
+
+/// `--method`
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum Method {
+    /// Several frames while the lamp moves; ends when the mask has stopped changing
+    #[default]
+    Fused,
+    /// The published method, from one frame
+    Paper,
 }
 
 /// `uvcam mask`
@@ -240,6 +307,10 @@ pub struct Demo {
     /// How long to run
     #[arg(long, value_name = "S", default_value = "10", value_parser = seconds)]
     pub seconds: f64,
+}
+
+fn range(range: &RangeInclusive<u32>) -> String {
+    format!("{} to {}", range.start(), range.end())
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

@@ -28,9 +28,15 @@ impl BackOff {
         self.distance
     }
 
-    /// The camera has worked, or was not there.
+    /// The camera has worked: what went wrong before is forgotten.
     pub(crate) fn forget(&mut self) {
         self.distance = SHORTEST;
+    }
+
+    /// How long to wait after a look for a camera that is absent. That is no failure of the camera: it comes with a clean record.
+    pub(crate) fn after_absence(&mut self) -> Duration {
+        self.forget();
+        SHORTEST
     }
 
     /// How long to wait after an attempt that began at `begin` and failed at `end`.
@@ -51,6 +57,23 @@ mod tests {
         let waits: Vec<_> = (0..8).map(|_| back_off.after_failure(now, now).as_millis()).collect();
         assert_eq!(waits, [100, 200, 400, 800, 1600, 3200, 5000, 5000]);
         back_off.forget();
+        assert_eq!(back_off.after_failure(now, now), SHORTEST);
+    }
+
+    #[test]
+    fn a_camera_that_has_worked_or_was_absent_begins_anew() {
+        let (mut back_off, now) = (BackOff::default(), Instant::now());
+        for _ in 0..5 {
+            back_off.after_failure(now, now);
+        }
+        back_off.forget();
+        assert_eq!(back_off.listening(), SHORTEST);
+        // Its first failure afterwards is one, however long it has worked.
+        assert_eq!(back_off.after_failure(now, now + 100 * LONGEST), SHORTEST);
+        assert_eq!(back_off.after_failure(now, now), 2 * SHORTEST);
+        // Looked for as often as it takes, it is none the worse for it.
+        assert_eq!([back_off.after_absence(), back_off.after_absence()], [SHORTEST; 2]);
+        assert_eq!(back_off.listening(), SHORTEST);
         assert_eq!(back_off.after_failure(now, now), SHORTEST);
     }
 

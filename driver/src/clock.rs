@@ -87,7 +87,7 @@ impl FrameClock {
         stamp_realtime(header, monotonic_ns(), realtime_ns());
     }
 
-    /// Lets the frame stamped last tell about the frames to come: what can wait until it was sent.
+    /// Learns from the frame stamped last, which can wait until it was sent.
     pub fn learn(&mut self) {
         self.fit.learn();
     }

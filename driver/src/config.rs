@@ -1,18 +1,16 @@
 //! The configuration: one TOML file, read once, valid or refused.
 //!
-//! `document` is the file as written, `error` says where it is wrong, `mistakes` and `statement` what was meant; this file holds what
-//! the rest of the driver sees. The commented default (`driver/default.toml`) is compiled in and is the manual.
+//! `document` is the file as written, `reader` takes its values, `error` says where it is wrong, `mistakes` and `statement` what was
+//! meant; this file holds what the rest of the driver sees. The commented default (`driver/default.toml`) is compiled in and is the manual.
 
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 use uvcam_masker::generate::{IgnoredRegion, Parameters};
-use uvcam_shm_ipc::PixelFormat;
 
 use crate::camera::Settings;
 pub use crate::camera::source::{Fault, FaultKind, Simulated, Source, V4l2, V4l2Device, V4l2Memory};
 use crate::realtime::Realtime;
-use crate::supervise::CLOSING;
 
 mod document;
 mod error;
@@ -20,7 +18,9 @@ mod faults;
 mod file;
 mod generate;
 mod keys;
+mod links;
 mod mistakes;
+mod reader;
 mod realtime;
 mod shared;
 mod source;
@@ -40,6 +40,8 @@ pub struct Config {
     pub text: String,
     /// Whether each camera has a process of its own.
     pub process_per_camera: bool,
+    /// Bytes that the process of a camera may take for itself.
+    pub process_memory_bytes: u64,
     /// Shared memory.
     pub ipc: Ipc,
     /// The cameras, in the order of the file; at least one, no name, device or mask file twice.
@@ -56,9 +58,12 @@ pub struct Ipc {
 }
 
 impl Ipc {
+    /// Dead cameras that may hold slots while another attempt to open theirs runs.
+    pub(crate) const CLOSING: usize = 1;
+
     /// Slots in the hands of the driver: those that the camera fills, and as many that a dead one holds until it is closed.
     pub fn loans(&self) -> usize {
-        (1 + CLOSING) * self.slots
+        (1 + Ipc::CLOSING) * self.slots
     }
 }
 
@@ -179,13 +184,6 @@ fn digest(text: &str) -> [u8; 16] {
     let mut digest = [0; 16];
     digest.iter_mut().zip(Sha256::digest(text)).for_each(|(kept, byte)| *kept = byte);
     digest
-}
-
-impl Settings {
-    /// Bytes of one frame without row padding.
-    pub fn frame_bytes(&self) -> usize {
-        self.width as usize * self.height as usize * PixelFormat::bytes_per_pixel(self.pixel_format)
-    }
 }
 
 // Their texts name every kind of camera.

@@ -1,68 +1,18 @@
-//! What the commands and a running driver say to each other: JSON over the control service of a camera.
+//! Where requests reach a running driver, and the reply that tells of an error.
 
-use serde::{Deserialize, Serialize};
 use uvcam_shm_ipc::Footing;
-use uvcam_shm_ipc::control::{ActiveRequest, ControlServer};
+use uvcam_shm_ipc::control::{ActiveRequest, ControlServer, Reply, Request};
 
 use crate::config::Config;
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
-use crate::generator::{Progress, Report, Wish};
 
-/// What can be requested of a driver.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(tag = "ask", rename_all = "snake_case")]
-pub enum Request {
-    /// Generate this camera's mask.
-    Generate {
-        /// How.
-        wish: Wish,
-        /// Whether to put it in force at once.
-        accept: bool,
-    },
-    /// Read this camera's mask anew.
-    ReloadMask,
+/// The reply that tells of an error.
+pub fn failed(error: &Error) -> Reply {
+    Reply::Failed { exit: error.exit() as u8, cause: with_causes(error) }
 }
 
-/// What it replies.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(tag = "answer", rename_all = "snake_case")]
-pub enum Reply {
-    /// Lit frames are being collected; more is to come.
-    Collecting {
-        /// How far that is.
-        progress: Progress,
-    },
-    /// A mask was generated, or refused.
-    Generated {
-        /// What came of it.
-        report: Box<Report>,
-    },
-    /// It was done.
-    Done,
-    /// It was not done.
-    Failed {
-        /// The exit code of a command that fails so.
-        exit: u8,
-        /// Why.
-        cause: String,
-    },
-}
-
-impl Reply {
-    /// The reply that tells of an error.
-    pub fn failed(error: &Error) -> Self {
-        Reply::Failed { exit: error.exit() as u8, cause: with_causes(error) }
-    }
-
-    /// Sends it to whoever made the request, where somebody still waits.
-    pub fn send(&self, request: &ActiveRequest) {
-        // A value of plain numbers and texts always has a JSON form.
-        request.reply(&serde_json::to_string(self).unwrap_or_default());
-    }
-}
-
-/// Where requests arrive, a place for each camera.
+/// Where requests arrive, for each camera.
 pub struct ControlServers {
     /// One a camera; none where its files were removed and could not be made anew yet.
     servers: Vec<Option<ControlServer>>,
@@ -81,9 +31,11 @@ impl ControlServers {
         Ok(ControlServers { servers: servers.collect::<Result<_, _>>()? })
     }
 
-    /// Makes the server of the camera at `place` anew where its files were removed, so that clients find it. No request may be open.
-    pub fn keep_open(&mut self, config: &Config, place: usize) {
-        let (Some(server), Some(camera)) = (self.servers.get_mut(place), config.cameras.get(place)) else {
+    /// Makes the server of the camera at `camera_index` anew where its files were removed, so that clients find it. No request may be open.
+    pub fn keep_open(&mut self, config: &Config, camera_index: usize) {
+        let (Some(server), Some(camera)) =
+            (self.servers.get_mut(camera_index), config.cameras.get(camera_index))
+        else {
             return;
         };
         let create = || ControlServer::create_at_once(&config.ipc.settings, &camera.name);
@@ -92,19 +44,19 @@ impl ControlServers {
         }
     }
 
-    /// The requests that have arrived, with the place of their camera in the configuration.
+    /// The requests that have arrived, with the index of their camera in the configuration.
     pub fn requests(&self) -> Vec<(usize, ActiveRequest, Request)> {
         let mut requests = Vec::new();
-        let servers = self.servers.iter().enumerate();
-        for (place, server) in servers.filter_map(|(place, server)| Some((place, server.as_ref()?))) {
+        for (camera_index, server) in self.servers.iter().enumerate() {
+            let Some(server) = server else { continue };
             match server.receive() {
-                Ok(Some(request)) => match serde_json::from_str(request.text()) {
-                    Ok(wanted) => requests.push((place, request, wanted)),
+                Ok(Some(active)) => match active.text().parse() {
+                    Ok(request) => requests.push((camera_index, active, request)),
                     Err(error) => {
                         let cause = format!(
                             "the driver does not know the request: {error}; use the same version of uvcam"
                         );
-                        Reply::Failed { exit: Exit::Usage as u8, cause }.send(&request);
+                        active.reply(&Reply::Failed { exit: Exit::Usage as u8, cause }.to_text());
                     }
                 },
                 Ok(None) => {}
@@ -112,16 +64,5 @@ impl ControlServers {
             }
         }
         requests
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn numbers_arrive_as_they_were_sent() {
-        for number in [3e93, 1000.1, 0.1 + 0.2] {
-            let text = serde_json::to_string(&number).unwrap();
-            assert_eq!(serde_json::from_str::<f64>(&text).unwrap(), number);
-        }
     }
 }

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::camera::source::is_built_in;
+use crate::camera::kinds::is_built_in;
 use crate::config::Config;
 
 mod access;
@@ -30,8 +30,8 @@ use process::Process;
 pub struct Finding {
     /// How much it matters.
     pub severity: Severity,
-    /// Which check found it.
-    pub check: Check,
+    /// What was examined, one word for a script, such as `usb_link`.
+    pub check: &'static str,
     /// What is wrong, with the values found and needed.
     pub finding: String,
     /// The command that mends it; else what to do by hand.
@@ -48,50 +48,6 @@ pub enum Severity {
     Warning,
     /// A camera cannot fly as configured.
     Fault,
-}
-
-/// What is examined.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Check {
-    /// Each configured camera is connected.
-    Connected,
-    /// USB3 Vision cameras have a SuperSpeed link.
-    UsbLink,
-    /// The cameras of one USB controller fit its bandwidth.
-    UsbBandwidth,
-    /// The kernel's memory for USB transfers holds the configured slots.
-    UsbfsMemory,
-    /// The driver may open the cameras' device nodes, and not everyone may.
-    DeviceAccess,
-    /// A udev rule gives the cameras' device nodes to a group.
-    UdevRule,
-    /// No other program holds a camera.
-    DeviceHolder,
-    /// Cameras of the kernel are named by what stays theirs.
-    DeviceName,
-    /// Sockets hold the packets of GigE Vision cameras.
-    SocketBuffer,
-    /// A firewall lets nobody but the cameras send to them.
-    Firewall,
-    /// The driver may lock its memory.
-    LockedMemory,
-    /// The driver may use the real-time priorities that the configuration names.
-    RealTimePriority,
-    /// `/dev/shm` may be written to and holds the slots of all cameras.
-    SharedMemory,
-    /// `root_path` belongs to the driver's user.
-    RootPath,
-    /// Shared memory stays when the driver's user logs out.
-    IpcRemoval,
-    /// The processors run at full speed.
-    CpuGovernor,
-    /// The system's clock is cheap to read.
-    ClockSource,
-    /// The masks can fly.
-    Mask,
-    /// Exposure and readout fit the frame period.
-    Exposure,
 }
 
 impl fmt::Display for Severity {
@@ -112,27 +68,16 @@ pub fn examine(root: &Path, config: &Config) -> Vec<Finding> {
     let cameras = if is_built_in("aravis") { usb::cameras(&machine) } else { Vec::new() };
     let video_cameras = video::cameras(&machine, config);
     let nodes = [access::usb_nodes(&machine, &cameras), video::nodes(&video_cameras)].concat();
-    let process = Process::of_the_driver(&machine);
+    let process = Process::of_the_driver(&machine, config);
     let mut findings = [
-        usb::connected(config, &cameras),
-        video::connected(&video_cameras),
-        usb::link(&cameras),
-        usb::bandwidth(&machine, config, &cameras),
-        usb::memory(&machine, config, &cameras),
-        access::nodes(&machine, &process, &nodes),
-        access::rule(&machine, &cameras),
-        access::holders(&machine, &nodes),
-        video::names(&machine, &video_cameras),
-        network::socket_buffer(&machine, config),
-        network::firewall(&machine, config),
-        process.limits(&machine, config),
-        memory::shared(&machine, &process, config),
-        memory::root_path(&machine, &process, config),
-        memory::removal(&machine, &process),
-        processor::governor(&machine),
-        processor::clock_source(&machine),
-        camera::masks(config),
-        camera::exposures(config, &cameras),
+        usb::examine(&machine, config, &cameras),
+        video::examine(&machine, &video_cameras),
+        access::examine(&machine, &process, &cameras, &nodes),
+        network::examine(&machine, config),
+        process.examine(&machine, config),
+        memory::examine(&machine, &process, config),
+        processor::examine(&machine),
+        camera::examine(config, &cameras),
     ]
     .concat();
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
@@ -140,7 +85,7 @@ pub fn examine(root: &Path, config: &Config) -> Vec<Finding> {
 }
 
 impl Finding {
-    fn new(severity: Severity, check: Check, finding: String, remedy: impl Into<String>) -> Self {
+    fn new(severity: Severity, check: &'static str, finding: String, remedy: impl Into<String>) -> Self {
         Finding { severity, check, finding, remedy: remedy.into() }
     }
 }

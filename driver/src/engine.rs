@@ -14,19 +14,18 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use crate::config::Config;
 use crate::error::Error;
 use crate::exit::Exit;
-use crate::generator::Progress;
 use crate::log;
 use crate::mask::MaskInForce;
 use crate::realtime;
 use crate::service_manager::ServiceManager;
 use crate::signals;
-use crate::supervise::Notice;
+use crate::supervise::{News, Notice, State};
 
 mod requests;
 mod running;
 mod worker;
 
-use requests::{Collected, Made, Requests};
+use requests::{Finished, Requests};
 use running::Running;
 
 /// How often the main thread looks after dead consumers and its status line.
@@ -40,10 +39,8 @@ const FAREWELL: Duration = Duration::from_secs(10);
 enum Event {
     Signal(i32),
     Camera(Notice),
-    Progress { place: usize, progress: Progress },
-    Collected(Box<Collected>),
-    Made(Box<Made>),
-    MaskRead { place: usize, outcome: Result<MaskInForce, Error> },
+    Finished(Box<Finished>),
+    MaskRead { camera_index: usize, outcome: Result<MaskInForce, Error> },
 }
 
 /// What an engine is to the driver.
@@ -70,7 +67,7 @@ pub fn run(config: &Config, duration: Option<Duration>, role: Role) -> Result<Ex
     let stop = Arc::new(AtomicBool::new(false));
     let started = config.cameras.iter().enumerate();
     let mut cameras = started
-        .map(|(place, camera)| Running::start(place, camera, config, &events, &stop))
+        .map(|(index, camera)| Running::start(index, camera, config, &events, &stop))
         .collect::<Result<Vec<_>, Error>>()?;
     let mut requests = Requests::open(config, events)?;
 
@@ -106,20 +103,23 @@ fn attend(
             // A terminal sends it to all processes of the driver, and the main one tells the others.
             Ok(Event::Signal(SIGINT)) if role == Role::Part => {}
             Ok(Event::Signal(_)) => return how_it_went(cameras),
-            Ok(Event::Camera(notice)) => {
-                let place = notice.camera;
-                if notice.is_panic() {
-                    requests.abandon(place);
+            Ok(Event::Camera(Notice { camera_index, news })) => match news {
+                News::State(state) => {
+                    if state.is_panic() {
+                        requests.abandon(camera_index);
+                    }
+                    if !enter(cameras, camera_index, state) && role == Role::Driver {
+                        tracing::error!("no camera can be used: the driver ends");
+                        return how_it_went(cameras);
+                    }
                 }
-                if !take_notice(cameras, notice) && role == Role::Driver {
-                    tracing::error!("no camera can be used: the driver ends");
-                    return how_it_went(cameras);
+                News::Progress(progress) => requests.tell(camera_index, progress),
+                News::Collected(cancel, lit_frames) => {
+                    requests.make_mask(camera_index, cancel, *lit_frames, cameras);
                 }
-            }
-            Ok(Event::Progress { place, progress }) => requests.tell(place, progress),
-            Ok(Event::Collected(collected)) => requests.conclude(*collected, cameras),
-            Ok(Event::Made(made)) => requests.answer(*made, cameras),
-            Ok(Event::MaskRead { place, outcome }) => requests.fly(place, outcome, cameras),
+            },
+            Ok(Event::Finished(finished)) => requests.finish(*finished, cameras),
+            Ok(Event::MaskRead { camera_index, outcome }) => requests.fly(camera_index, outcome, cameras),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return how_it_went(cameras),
         }
@@ -146,11 +146,11 @@ fn attend(
 }
 
 /// Takes a camera's new state. Returns whether there is a camera that works, or may.
-fn take_notice(cameras: &mut [Running], notice: Notice) -> bool {
-    let Some(camera) = cameras.get_mut(notice.camera) else { return true };
-    camera.enter(notice.state);
+fn enter(cameras: &mut [Running], camera_index: usize, state: State) -> bool {
+    let Some(camera) = cameras.get_mut(camera_index) else { return true };
+    camera.enter(state);
     let goes_on = !cameras.iter().all(Running::is_hopeless);
-    if let Some(camera) = cameras.get_mut(notice.camera) {
+    if let Some(camera) = cameras.get_mut(camera_index) {
         camera.report(goes_on);
     }
     goes_on

@@ -11,8 +11,10 @@ use uvcam_masker::image::ImageError;
 use uvcam_shm_ipc::{HeaderError, IpcError, IpcErrorKind, LoanError};
 
 use crate::camera::CameraError;
+pub use crate::causes::{panic_text, with_causes};
 use crate::config::ConfigError;
 use crate::exit::Exit;
+use crate::generate::RequestError;
 
 /// Why a command, or one camera of a running driver, did not do what was asked.
 #[derive(Debug, Error)]
@@ -35,6 +37,9 @@ pub enum Error {
     /// A picture cannot be read or written.
     #[error(transparent)]
     Picture(#[from] FileError),
+    /// A mask was requested that cannot be.
+    #[error(transparent)]
+    Request(#[from] RequestError),
     /// A mask cannot be computed.
     #[error("no mask generated")]
     Generate(#[from] GenerateError),
@@ -104,7 +109,7 @@ impl Error {
             {
                 Exit::System
             }
-            Error::Config(_) | Error::Usage(_) | Error::Generate(_) => Exit::Usage,
+            Error::Config(_) | Error::Usage(_) | Error::Request(_) | Error::Generate(_) => Exit::Usage,
             Error::Ipc(error) if matches!(error.kind(), IpcErrorKind::CameraName | IpcErrorKind::Setting) => {
                 Exit::Usage
             }
@@ -144,26 +149,6 @@ fn may_pass(error: &std::io::Error) -> bool {
             | ErrorKind::IsADirectory
             | ErrorKind::InvalidData
     )
-}
-
-/// The error's message followed by those of its causes, where it does not already hold them.
-pub fn with_causes(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let message = error.to_string();
-        if !text.contains(&message) {
-            text = format!("{text}: {message}");
-        }
-        cause = error.source();
-    }
-    text
-}
-
-/// What a panic left, as text.
-pub fn panic_text(payload: &(dyn std::any::Any + Send)) -> String {
-    let text = payload.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "it left no text".into())
 }
 
 #[cfg(test)]
@@ -264,12 +249,5 @@ mod tests {
             assert_eq!(Exit::from_code(code) as u8, code);
         }
         assert_eq!(Exit::from_code(101), Exit::System);
-    }
-
-    #[test]
-    fn the_text_of_a_panic_is_found_whatever_it_left() {
-        assert_eq!(panic_text(&"text"), "text");
-        assert_eq!(panic_text(&String::from("text")), "text");
-        assert_eq!(panic_text(&7), "it left no text");
     }
 }

@@ -17,16 +17,16 @@ use crate::camera::{Applied, Camera, CameraError, Capture, Event};
 use crate::clock::FrameClock;
 use crate::counters::{Counters, add};
 use crate::error::Error;
-use crate::generate::Order;
+use crate::generate::Task;
 use crate::mask::{self, MaskInForce};
 
-mod silence;
+mod stall;
 
-use silence::Silence;
+use stall::StallDetector;
 
 /// Longest wait for a frame before the thread looks at its commands.
 const PATIENCE: Duration = Duration::from_millis(100);
-/// Time between looks at the device's temperature, which take it a millisecond.
+/// Time between readings of the device's temperature, each of which takes a millisecond.
 const TEMPERATURE_PERIOD_NS: u64 = 10_000_000_000;
 
 /// What another thread may ask of the path; taken at a frame boundary.
@@ -35,7 +35,7 @@ pub enum Command {
     /// Fly this mask, which consumers were given, from the next frame on.
     Mask(MaskInForce),
     /// Leave the path and collect lit frames.
-    Generate(Box<Order>),
+    Generate(Box<Task>),
     /// Leave the path for another publisher: consumers no longer find this one.
     Republish,
 }
@@ -46,7 +46,7 @@ pub enum Leave {
     /// The driver stops.
     Stop,
     /// Lit frames are to be collected.
-    Generate(Box<Order>),
+    Generate(Box<Task>),
     /// Another publisher is to be made.
     Republish,
 }
@@ -65,7 +65,7 @@ pub struct FramePath<'a> {
     pub commands: &'a Receiver<Command>,
     /// What other threads read.
     pub counters: &'a Counters,
-    /// What stays the same over the epoch, and the place of the next frame's stamps.
+    /// What stays the same over the epoch, with room for the next frame's stamps.
     pub header: FrameHeader,
     /// How long the camera may take to its first frame, where that is longer than it may fall silent later.
     pub first_frame_patience: Duration,
@@ -112,7 +112,7 @@ impl FramePath<'_> {
         self.counters.set_mask_id(self.mask.as_deref().map(|mask| mask.id()));
         self.fill_queue()?;
         self.camera.start()?;
-        let mut silence = Silence::new(self.header.frame_period_ns, self.first_frame_patience);
+        let mut stall_detector = StallDetector::new(self.header.frame_period_ns, self.first_frame_patience);
         let mut streaming = Some(streaming);
         // Relaxed: the flag carries no data, and is seen within one `PATIENCE`.
         while !stop.load(Ordering::Relaxed) {
@@ -124,9 +124,9 @@ impl FramePath<'_> {
             match self.camera.next(PATIENCE)? {
                 Event::Complete(capture) => {
                     let arrival_ns = capture.arrival_monotonic_ns;
-                    silence.broken(arrival_ns);
+                    stall_detector.saw_whole_frame(arrival_ns);
                     self.position.queued -= 1;
-                    // Said first: who has seen a frame may rely on the driver's state.
+                    // Before the frame is sent: whoever has seen it may rely on the driver's state.
                     if let Some(streaming) = streaming.take() {
                         streaming();
                     }
@@ -138,9 +138,9 @@ impl FramePath<'_> {
                     self.position.incomplete += 1;
                     add(&self.counters.incomplete, 1);
                     self.camera.queue(slot)?;
-                    silence.lasts(self.camera.identity(), 1)?;
+                    stall_detector.check(self.camera.identity(), 1)?;
                 }
-                Event::Timeout => silence.lasts(self.camera.identity(), 0)?,
+                Event::Timeout => stall_detector.check(self.camera.identity(), 0)?,
             }
             self.fill_queue()?;
         }
@@ -169,7 +169,7 @@ impl FramePath<'_> {
         self.position.clock.stamp(&mut self.header, device_timestamp_ns);
         self.publisher.publish(slot, &self.header)?;
         let sent_ns = monotonic_ns();
-        // A scheduler tends to wake consumers on this core: they need not wait for what can.
+        // A scheduler tends to wake consumers on this core: they go before what can wait.
         std::thread::yield_now();
         self.position.clock.learn();
         self.counters.arrival_to_masked.record(masked_ns.saturating_sub(arrival_monotonic_ns));
@@ -233,7 +233,7 @@ impl FramePath<'_> {
                     self.counters.set_mask_id(mask.as_deref().map(|mask| mask.id()));
                     *self.mask = mask;
                 }
-                Command::Generate(order) => return Some(Leave::Generate(order)),
+                Command::Generate(task) => return Some(Leave::Generate(task)),
                 Command::Republish => return Some(Leave::Republish),
             }
         }

@@ -14,8 +14,8 @@ const PRECISION: u32 = 5;
 const BITS: u32 = 36;
 const BUCKETS: usize = ((BITS - PRECISION + 1) as usize) << PRECISION;
 
-/// Durations in ns. Written by one thread: no update can be lost, so `Relaxed` loads and stores suffice. A reader sees each bucket at
-/// some instant of its look.
+/// Durations in ns. Written by one thread: no update can be lost, so `Relaxed` loads and stores suffice. A reader sees each bucket as
+/// it is at some moment of the reading.
 #[derive(Debug)]
 pub struct LatencyHistogram {
     buckets: Box<[AtomicU64]>,

@@ -4,26 +4,36 @@
 //! flies may do either. So this thread alone writes there what the log, the status line, panics and libraries have to say. Lines wait for
 //! it in a bounded queue; those that do not fit, or cannot be written, are counted, and their number is told as soon as a line can be
 //! written again.
+//!
+//! What is the same each time, said at each opening of a camera, is told as messages about a failing one are: once, and again at growing
+//! distance.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::panic::PanicHookInfo;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
+use tracing::Metadata;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
 
-use crate::camera::source;
+use crate::camera::kinds;
+use crate::told::{OPENING, Told};
+
+/// Where the output of this program goes to a terminal by the hands of another one, which says so by this variable.
+pub(crate) const IN_COLOUR: &str = "CLICOLOR_FORCE";
 
 /// Lines that may wait for stderr, and the longest of them in bytes; a longer one is cut.
 const WAITING: usize = 1024;
-const LONGEST_LINE: usize = 16 * 1024;
+pub(crate) const LONGEST_LINE: usize = 16 * 1024;
+/// Different lines that may be told of the openings of all cameras within a minute.
+const OPENINGS: usize = 64;
 /// How long [`flush`] waits for them.
 const PATIENCE: Duration = Duration::from_millis(500);
-/// Time between looks for room.
+/// Time between two checks for room.
 const NAP: Duration = Duration::from_millis(2);
 /// Stack of the writing thread, bytes.
 const STACK: usize = 256 * 1024;
@@ -33,8 +43,10 @@ static QUEUE: OnceLock<Queue> = OnceLock::new();
 /// The way to the writing thread. Its two ends: [`Queue::new`].
 struct Queue {
     items: SyncSender<Item>,
-    /// Lines that found the queue full since one found room. A number for display: `Relaxed`.
+    /// Lines dropped since one last found room in the queue. A number for display: `Relaxed`.
     dropped: AtomicU64,
+    /// What was said at openings of cameras.
+    openings: Mutex<Told>,
 }
 
 enum Item {
@@ -46,7 +58,7 @@ enum Item {
     Flush { done: SyncSender<()>, dropped: u64 },
 }
 
-/// Starts the writing thread, and leads to it the log, panics, and what libraries say.
+/// Starts the writing thread, and sends it the log, panics, and what libraries say.
 ///
 /// # Errors
 /// Where the system starts no thread.
@@ -59,13 +71,13 @@ pub fn start() -> io::Result<()> {
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(queue)
-        .with_ansi(io::stderr().is_terminal())
+        .with_ansi(io::stderr().is_terminal() || std::env::var_os(IN_COLOUR).is_some())
         .with_target(false)
         .log_internal_errors(false)
         .init();
     std::panic::set_hook(Box::new(tell_panic));
     uvcam_shm_ipc::log_to(|text| tracing::warn!("{text}"));
-    source::log_libraries();
+    kinds::log_libraries();
     Ok(())
 }
 
@@ -79,6 +91,13 @@ pub fn show_status(line: &str) {
     }
 }
 
+/// Takes a line that another process has finished, its end included.
+pub(crate) fn pass_on(line: &[u8]) {
+    if let Some(queue) = QUEUE.get() {
+        queue.say(line);
+    }
+}
+
 /// Waits until everything said before is written; not for a stderr that takes nothing.
 pub fn flush() {
     if let Some(queue) = QUEUE.get() {
@@ -86,7 +105,7 @@ pub fn flush() {
     }
 }
 
-/// A panic's message, by the same way as all others. That of the main thread is the last of the program.
+/// Logs a panic's message as any other. The main thread's is the last thing that the program says.
 fn tell_panic(panic: &PanicHookInfo<'_>) {
     let thread = std::thread::current();
     let name = thread.name().unwrap_or("without a name");
@@ -103,7 +122,17 @@ fn tell_panic(panic: &PanicHookInfo<'_>) {
 impl Queue {
     fn new() -> (Self, Receiver<Item>) {
         let (items, inbox) = sync_channel(WAITING);
-        (Queue { items, dropped: AtomicU64::new(0) }, inbox)
+        (Queue { items, dropped: AtomicU64::new(0), openings: Mutex::new(Told::keeping(OPENINGS)) }, inbox)
+    }
+
+    /// What is said at each opening.
+    fn say_at_opening(&self, line: &[u8]) {
+        let text = String::from_utf8_lossy(line);
+        // A list of messages is valid whatever happened to another holder.
+        let mut openings = self.openings.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(text) = openings.due(text.trim_end(), Instant::now()) {
+            self.say((text + "\n").as_bytes());
+        }
     }
 
     fn say(&self, line: &[u8]) {
@@ -130,11 +159,17 @@ impl Queue {
 }
 
 /// One line of the log, on its way into the queue.
-struct Line<'a>(&'a Queue);
+struct Line<'a> {
+    queue: &'a Queue,
+    is_of_opening: bool,
+}
 
 impl Write for Line<'_> {
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
-        self.0.say(line);
+        match self.is_of_opening {
+            true => self.queue.say_at_opening(line),
+            false => self.queue.say(line),
+        }
         Ok(line.len())
     }
 
@@ -147,7 +182,11 @@ impl<'a> MakeWriter<'a> for &'static Queue {
     type Writer = Line<'a>;
 
     fn make_writer(&'a self) -> Self::Writer {
-        Line(self)
+        Line { queue: self, is_of_opening: false }
+    }
+
+    fn make_writer_for(&'a self, metadata: &Metadata<'_>) -> Self::Writer {
+        Line { queue: self, is_of_opening: metadata.target() == OPENING }
     }
 }
 
@@ -305,6 +344,30 @@ mod tests {
         assert_eq!(
             written(&Stderr::answering(&answers), &["one", "two"]),
             ["on", "1 log lines dropped: stderr did not take them", "two"]
+        );
+    }
+
+    #[test]
+    fn what_is_the_same_at_each_opening_is_told_once() {
+        let (queue, inbox) = Queue::new();
+        let mut openings = Line { queue: &queue, is_of_opening: true };
+        for line in ["12:00 copied once\n", "12:01 copied once\n", "12:02 at risk\n", "12:03 copied once\n"] {
+            openings.write_all(line.as_bytes()).unwrap();
+        }
+        Line { queue: &queue, is_of_opening: false }.write_all(b"12:04 copied once\n").unwrap();
+        let said: Vec<_> = std::iter::from_fn(|| inbox.try_recv().ok())
+            .filter_map(|item| match item {
+                Item::Line { text, .. } => String::from_utf8(text).ok(),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(
+            said,
+            [
+                "12:00 copied once\n",
+                "12:02 at risk (not told since the last one: 1)\n",
+                "12:04 copied once\n"
+            ]
         );
     }
 

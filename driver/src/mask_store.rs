@@ -1,12 +1,4 @@
-//! The files of one camera's mask: the one in force, a candidate beside it, and those that were in force before.
-//!
-//! ```text
-//! left.png                            in force
-//! left.candidate.png                  generated, not yet accepted
-//! left.candidate.input.png            the picture it was made from
-//! left.candidate.overlay.png          that picture with the mask over it
-//! left.history/<number>_<time>.png    in force before, the last five
-//! ```
+//! One camera's mask in its [`files`](crate::mask_files): a candidate is stored, accepted, or discarded, and what was in force is kept.
 //!
 //! Where the mask in force is a symbolic link, the file behind it is the one that is replaced.
 //!
@@ -16,22 +8,30 @@
 
 mod history;
 
-use std::ffi::OsStr;
 use std::fs;
 use std::io::{self, ErrorKind};
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use uvcam_masker::file::{self, FileError};
 use uvcam_masker::{GrayImage, Mask};
 
 use self::history::History;
+use crate::config::{CameraConfig, MaskChoice};
 use crate::error::Error;
 use crate::mask;
+use crate::mask_files::MaskFiles;
 
-/// The files around the mask in force.
+/// The files around the mask in force, and what is done with them.
 #[derive(Debug, Clone)]
-pub struct MaskStore {
-    in_force: PathBuf,
+pub struct MaskStore(MaskFiles);
+
+impl Deref for MaskStore {
+    type Target = MaskFiles;
+
+    fn deref(&self) -> &MaskFiles {
+        &self.0
+    }
 }
 
 /// What is stored for a person to look at, and to accept or discard.
@@ -48,29 +48,23 @@ pub struct Candidate<'a> {
 }
 
 impl MaskStore {
+    /// The store of the camera's mask.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] where the camera flies without a mask file.
+    pub fn of(camera: &CameraConfig) -> Result<Self, Error> {
+        match &camera.mask {
+            MaskChoice::File(path) => Ok(MaskStore::new(path)),
+            MaskChoice::None => Err(Error::Usage(format!(
+                "camera {} has mask = \"none\": name a file in the configuration to generate its mask",
+                camera.name
+            ))),
+        }
+    }
+
     /// The store around the mask file that the configuration names.
     pub fn new(in_force: &Path) -> Self {
-        MaskStore { in_force: in_force.into() }
-    }
-
-    /// The mask in force.
-    pub fn in_force(&self) -> &Path {
-        &self.in_force
-    }
-
-    /// The candidate's mask.
-    pub fn candidate(&self) -> PathBuf {
-        self.beside("candidate.png")
-    }
-
-    /// The candidate's pictures: input and overlay.
-    pub fn pictures(&self) -> [PathBuf; 2] {
-        [self.beside("candidate.input.png"), self.beside("candidate.overlay.png")]
-    }
-
-    /// The folder of the masks that were in force before.
-    pub fn history_folder(&self) -> PathBuf {
-        self.beside("history")
+        MaskStore(MaskFiles::around(in_force))
     }
 
     /// Stores a candidate in place of an earlier one. Its mask is written last: where it is there, its pictures are as well.
@@ -107,7 +101,7 @@ impl MaskStore {
         }
         let mask = self.put_in_force(&candidate, size)?;
         // It is in force, whatever stays behind.
-        self.discard().unwrap_or_else(|error| tracing::warn!("{}", crate::error::with_causes(&error)));
+        self.discard().unwrap_or_else(|error| tracing::warn!("{}", crate::causes::with_causes(&error)));
         Ok(mask)
     }
 
@@ -146,7 +140,7 @@ impl MaskStore {
     /// Copies the mask of a file to the one in force, after keeping the one before in the history.
     fn put_in_force(&self, from: &Path, size: (u32, u32)) -> Result<Mask, Error> {
         let flyable = mask::read(from, size)?;
-        let target = behind_links(&self.in_force).map_err(failed("reading link", &self.in_force))?;
+        let target = behind_links(self.in_force()).map_err(failed("reading link", self.in_force()))?;
         let history = History::new(self.history_folder());
         let kept = match file::read_bytes(&target) {
             Ok(before) => Some(history.keep(&before)?),
@@ -157,27 +151,14 @@ impl MaskStore {
             // It is still in force, so it is no history yet.
             let _ = kept.as_deref().map(remove);
         })?;
-        if target != self.in_force {
-            let (link, target) = (self.in_force.display(), target.display());
+        if target != self.in_force() {
+            let (link, target) = (self.in_force().display(), target.display());
             tracing::info!("{link} is a link: the file behind it was replaced, {target}");
         }
         if let Some(kept) = kept {
             history.forget_oldest(&kept);
         }
         Ok(flyable.mask)
-    }
-
-    /// A name made of the mask's, with `ending` for its .png, or behind what else it is called.
-    fn beside(&self, ending: &str) -> PathBuf {
-        let is_png = |extension: &OsStr| extension.eq_ignore_ascii_case("png");
-        let stem = match self.in_force.extension().is_some_and(is_png) {
-            true => self.in_force.file_stem(),
-            false => self.in_force.file_name(),
-        };
-        let mut name = stem.unwrap_or_default().to_owned();
-        name.push(".");
-        name.push(ending);
-        self.in_force.with_file_name(name)
     }
 }
 

@@ -20,6 +20,7 @@ use crate::signals;
 mod camera;
 mod launcher;
 mod part;
+mod stderr;
 
 use camera::CameraProcess;
 use launcher::Launcher;
@@ -134,6 +135,8 @@ impl Driver<'_> {
             camera.kill("it does not end");
         }
         self.wait_for_the_end(LAST_FAREWELL);
+        let end = Instant::now() + LAST_FAREWELL;
+        self.cameras.iter().for_each(|camera| camera.finish(end));
         uvcam_shm_ipc::cleanup_dead_nodes(&self.config.ipc.settings);
         self.cameras.iter().map(CameraProcess::exit).find(|exit| *exit != Exit::Done).unwrap_or(Exit::Done)
     }

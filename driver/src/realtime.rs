@@ -1,7 +1,7 @@
 //! Keeping a frame from waiting: memory that is never paged out, and the scheduling of camera threads.
 //!
-//! Everything here is asked of the system once, before the first frame. Where the rights are missing, a warning says what is missing and
-//! how to give it, and the driver works on without.
+//! Everything here is asked of the system once, before the first frame. Where the rights are missing, a warning says which
+//! and how to give them, and the driver goes on without.
 
 use std::io;
 
@@ -10,7 +10,7 @@ use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_setaffinity};
 use tracing::warn;
 
-/// Largest number of a processor core that the system's calls can name.
+/// Largest core number that the system's calls can name.
 pub const LARGEST_CPU: usize = CpuSet::MAX_CPU - 1;
 
 /// How a camera's threads are scheduled: `[camera.realtime]`.
@@ -48,7 +48,7 @@ impl Realtime {
     }
 }
 
-/// Gives the calling thread back to the ordinary scheduler, on the cores that it has: it has inherited a priority that is not for its work.
+/// Gives the calling thread back to the ordinary scheduler, on the cores that it has: the priority that it inherited is not meant for its work.
 pub fn leave() {
     // To give a priority up needs no right (sched(7)).
     if let Err(error) = set_scheduler(libc::SCHED_OTHER, 0) {
@@ -68,7 +68,7 @@ fn set_scheduler(policy: i32, priority: u8) -> io::Result<()> {
 /// Keeps every page of this process in memory from the moment that it is there, those of slots included, which are all taken before the
 /// first frame.
 ///
-/// A limit on locked memory would make later mappings fail where all of them are locked, so that nothing is locked under a limit.
+/// Under a limit on locked memory, later mappings would fail if everything were locked, so nothing is.
 pub fn lock_memory() {
     let limit = getrlimit(Resource::Memlock).current;
     let outcome = match limit {

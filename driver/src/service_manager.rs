@@ -23,10 +23,10 @@ pub(crate) struct Condition {
 
 /// What the service manager was told, and when it is told again.
 pub(crate) struct ServiceManager {
-    /// Within which time it wants to hear that the driver works (WatchdogSec).
+    /// Within which time the watchdog is to be fed (WatchdogSec).
     watchdog: Option<Duration>,
-    next_sign_of_life: Instant,
-    /// Frames published by all cameras at the last sign of life.
+    next_feeding: Instant,
+    /// Frames published by all cameras when it was last fed.
     published: u64,
     is_ready: bool,
     status: String,
@@ -36,7 +36,7 @@ impl ServiceManager {
     pub(crate) fn new() -> Self {
         ServiceManager {
             watchdog: sd_notify::watchdog_enabled(),
-            next_sign_of_life: Instant::now(),
+            next_feeding: Instant::now(),
             published: 0,
             is_ready: false,
             status: String::new(),
@@ -53,14 +53,16 @@ impl ServiceManager {
         if status != self.status && tell(&NotifyState::Status(&status)) {
             self.status = status;
         }
-        let Some(watchdog) = self.watchdog.filter(|_| Instant::now() >= self.next_sign_of_life) else {
+        let Some(watchdog) = self.watchdog.filter(|_| Instant::now() >= self.next_feeding) else {
             return;
         };
         let is_any_stuck = cameras.iter().any(|camera| camera.is_stuck);
-        if works(published.saturating_sub(self.published), is_any_stuck) && tell(&NotifyState::Watchdog) {
+        if should_feed_watchdog(published.saturating_sub(self.published), is_any_stuck)
+            && tell(&NotifyState::Watchdog)
+        {
             self.published = published;
             // Twice within the time, as sd_watchdog_enabled(3) advises, and once for a late look.
-            self.next_sign_of_life = Instant::now() + watchdog / 3;
+            self.next_feeding = Instant::now() + watchdog / 3;
         }
     }
 
@@ -70,9 +72,9 @@ impl ServiceManager {
     }
 }
 
-/// Whether a restart of the driver could bring nothing. It costs every camera frames: as long as one of them publishes, it is not worth
-/// it; and cameras that are merely absent, or have no mask, do not come back by it.
-fn works(published: u64, is_any_stuck: bool) -> bool {
+/// Whether the driver is to stay: a restart costs every camera frames, so it is not worth it as long as one of them publishes; and cameras
+/// that are merely absent, or have no mask, do not come back by it.
+fn should_feed_watchdog(published: u64, is_any_stuck: bool) -> bool {
     published > 0 || !is_any_stuck
 }
 
@@ -114,8 +116,8 @@ mod tests {
 
     #[test]
     fn a_stuck_camera_is_worth_a_restart_only_where_none_publishes() {
-        assert!(works(60, false) && works(60, true));
-        assert!(works(0, false), "cameras that wait for their device are no reason");
-        assert!(!works(0, true));
+        assert!(should_feed_watchdog(60, false) && should_feed_watchdog(60, true));
+        assert!(should_feed_watchdog(0, false), "cameras that wait for their device are no reason");
+        assert!(!should_feed_watchdog(0, true));
     }
 }

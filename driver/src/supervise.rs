@@ -6,27 +6,29 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::Duration;
 
+use uvcam_shm_ipc::control::Progress;
 use uvcam_shm_ipc::{FrameHeader, Publisher};
 
 use crate::back_off::BackOff;
-use crate::camera::source::{self, CameraSource};
+use crate::camera::kinds;
+use crate::camera::source::CameraSource;
 use crate::camera::{Applied, Camera, CameraError, Identity};
 use crate::config::{CameraConfig, Ipc};
 use crate::counters::{Counters, add};
-use crate::error::{Error, panic_text, with_causes};
+use crate::error::{Error, panic_text};
 use crate::frame_path::{Command, FramePath, Leave, Position};
-use crate::generate::Order;
+use crate::generate::{CancelToken, LitFrames};
 use crate::mask::{self, MaskInForce, MaskService};
 
 mod closing;
+mod lit_frames;
 mod time;
 
-pub(crate) use closing::CLOSING;
 use closing::Closing;
-use time::{SystemTime, Time};
+use time::{SystemClock, Time};
 
 /// How long a waiting thread takes to see that it is to stop.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -44,25 +46,36 @@ pub enum State {
     Refused(Error),
 }
 
-/// A change of state of one camera, by its place in the configuration.
-#[derive(Debug)]
-pub struct Notice {
-    /// The camera's place in the configuration.
-    pub camera: usize,
-    /// Its new state.
-    pub state: State,
-}
-
-impl Notice {
+impl State {
     /// Whether the camera's thread panicked, and with it lost what it was told to do.
     pub fn is_panic(&self) -> bool {
-        matches!(self.state, State::Waiting(Error::Panicked { .. }))
+        matches!(self, State::Waiting(Error::Panicked { .. }))
     }
+}
+
+/// What a camera's thread tells of.
+#[derive(Debug)]
+pub struct Notice {
+    /// The camera's index in the configuration.
+    pub camera_index: usize,
+    /// What has happened.
+    pub news: News,
+}
+
+/// What has happened to a camera.
+#[derive(Debug)]
+pub enum News {
+    /// Its thread does something else now.
+    State(State),
+    /// Another lit frame came.
+    Progress(Progress),
+    /// Lit frames were collected for a task, or not, and the camera has its flight settings again, or failed.
+    Collected(CancelToken, Box<Result<LitFrames, Error>>),
 }
 
 /// A camera's thread.
 pub struct Supervisor {
-    place: usize,
+    camera_index: usize,
     camera: CameraConfig,
     ipc: Ipc,
     source: Box<dyn CameraSource>,
@@ -79,9 +92,9 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// Prepares the thread of the camera at `place` in the configuration.
+    /// Prepares the thread of the camera with this index in the configuration.
     pub fn new(
-        place: usize,
+        camera_index: usize,
         camera: CameraConfig,
         ipc: Ipc,
         commands: Receiver<Command>,
@@ -89,10 +102,10 @@ impl Supervisor {
         counters: Arc<Counters>,
         stop: Arc<AtomicBool>,
     ) -> Self {
-        let source = source::of(&camera.source);
+        let source = kinds::source_of(&camera.source);
         let masks = Arc::new(MaskService::new(&ipc.settings, &camera.name));
         Supervisor {
-            place,
+            camera_index,
             camera,
             ipc,
             source,
@@ -104,21 +117,13 @@ impl Supervisor {
             notify,
             counters,
             stop,
-            time: Box::new(SystemTime),
+            time: Box::new(SystemClock),
         }
     }
 
     /// What gives the camera's mask to consumers, for whoever wants it flown.
     pub fn masks(&self) -> Arc<MaskService> {
         self.masks.clone()
-    }
-
-    /// Fulfils an order for a camera that no driver runs.
-    pub fn fulfil_alone(camera: &CameraConfig, ipc: &Ipc, stop: Arc<AtomicBool>, order: Order) {
-        let (_, commands) = channel();
-        let counters = Arc::default();
-        Supervisor::new(0, camera.clone(), ipc.clone(), commands, Box::new(|_| ()), counters, stop)
-            .fulfil_while_closed(order);
     }
 
     /// Runs until told to stop. A panic, of the camera's library or of ours, ends an attempt as an error does: the camera is closed, and
@@ -165,8 +170,7 @@ impl Supervisor {
             if !is_absent {
                 add(&self.counters.failures, 1);
             }
-            let has_worked = self.published() > published_before;
-            if has_worked || is_absent {
+            if self.published() > published_before {
                 back_off.forget();
             }
             if error.is_final() {
@@ -177,7 +181,10 @@ impl Supervisor {
                 }
             } else {
                 self.notify(State::Waiting(error));
-                self.pause(back_off.after_failure(begin, self.time.now()));
+                self.pause(match is_absent {
+                    true => back_off.after_absence(),
+                    false => back_off.after_failure(begin, self.time.now()),
+                });
             }
         }
     }
@@ -199,7 +206,7 @@ impl Supervisor {
             self.counters.live();
             match self.commands.recv_timeout(PATIENCE) {
                 Ok(Command::Mask(mask)) => return Some(mask),
-                Ok(Command::Generate(order)) => self.fulfil_while_closed(*order),
+                Ok(Command::Generate(task)) => self.generate_while_closed(*task),
                 // Looked at when the next publisher is needed.
                 Ok(Command::Republish) => {}
                 Err(RecvTimeoutError::Timeout) => {}
@@ -237,7 +244,7 @@ impl Supervisor {
         }
     }
 
-    /// Publishes the frames of an opened camera. Orders for lit frames are fulfilled between two epochs.
+    /// Publishes the frames of an opened camera. Lit frames are collected between two epochs.
     fn stream_from(
         &mut self,
         camera: &mut dyn Camera,
@@ -266,9 +273,9 @@ impl Supervisor {
             let left = path.run(&self.stop, || self.notify(State::Streaming(identity)));
             self.publisher = Some(publisher);
             match left? {
-                Leave::Generate(order) => {
+                Leave::Generate(task) => {
                     self.notify(State::Generating);
-                    self.fulfil(camera, *order)?;
+                    self.generate(camera, *task)?;
                 }
                 Leave::Republish => {}
                 Leave::Stop => return Ok(()),
@@ -290,37 +297,6 @@ impl Supervisor {
         let publisher = Publisher::create(settings, &self.camera.name, payload_bytes, self.ipc.loans())?;
         self.counters.set_footing(Some(publisher.footing().clone()));
         Ok(publisher)
-    }
-
-    /// Collects lit frames, and gives the camera its flight settings back before it says so.
-    fn fulfil(&mut self, camera: &mut dyn Camera, mut order: Order) -> Result<(), Error> {
-        let publisher = self.publisher_for(self.camera.settings.frame_bytes())?;
-        let collected = order.collect(camera, &self.camera.settings, &publisher, self.ipc.slots, &self.stop);
-        camera.stop();
-        self.publisher = Some(publisher);
-        let restored = camera.configure(&self.camera.settings);
-        let Order { done, generator, .. } = order;
-        match (collected, restored) {
-            (Ok(applied), Ok(_)) => done(generator, Ok(applied)),
-            (Err(error), Ok(_)) => done(generator, Err(error)),
-            (_, Err(error)) => {
-                done(generator, Err(Error::NotRestored(with_causes(&error))));
-                return Err(error.into());
-            }
-        }
-        Ok(())
-    }
-
-    /// Fulfils an order for a camera that publishes nothing, and closes it again.
-    fn fulfil_while_closed(&mut self, order: Order) {
-        match self.open() {
-            // What went wrong was told to whoever ordered.
-            Ok(mut camera) => drop(self.fulfil(camera.as_mut(), order)),
-            Err(error) => {
-                let Order { done, generator, .. } = order;
-                done(generator, Err(error.into()));
-            }
-        }
     }
 
     /// What stays the same over one epoch.
@@ -353,7 +329,11 @@ impl Supervisor {
     }
 
     fn notify(&self, state: State) {
-        (self.notify)(Notice { camera: self.place, state });
+        self.tell(News::State(state));
+    }
+
+    fn tell(&self, news: News) {
+        (self.notify)(Notice { camera_index: self.camera_index, news });
     }
 }
 

@@ -2,17 +2,27 @@
 
 use std::time::{Duration, Instant};
 
-/// Different messages that may be told within the time of one.
+/// The target of what is the same each time that a camera is opened: the log tells it once, and again at growing distance.
+pub(crate) const OPENING: &str = "uvcam::opening";
+/// Different messages that may be told within the time of one, where nobody says otherwise.
 const KEPT: usize = 8;
 /// When a message may be told again: at first, and at the longest. It doubles each time.
 const SHORTEST: Duration = Duration::from_secs(60);
 const LONGEST: Duration = Duration::from_secs(3600);
 
 /// The messages told lately, and how many were not told.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Told {
+    /// How many different ones there may be.
+    kept: usize,
     recent: Vec<Message>,
     untold: u64,
+}
+
+impl Default for Told {
+    fn default() -> Self {
+        Told::keeping(KEPT)
+    }
 }
 
 #[derive(Debug)]
@@ -24,6 +34,19 @@ struct Message {
 }
 
 impl Told {
+    /// Nothing told yet. So many different messages may be, within the time of one.
+    pub(crate) const fn keeping(kept: usize) -> Self {
+        Told { kept, recent: Vec::new(), untold: 0 }
+    }
+
+    /// The message, with the number of those that were not told since the last one; nothing where it is not to be told.
+    pub(crate) fn due(&mut self, text: &str, now: Instant) -> Option<String> {
+        self.is_due(text, now).map(|untold| match untold {
+            0 => text.to_owned(),
+            _ => format!("{text} (not told since the last one: {untold})"),
+        })
+    }
+
     /// Whether to tell this message, and how many were not told since the last one.
     pub(crate) fn is_due(&mut self, text: &str, now: Instant) -> Option<u64> {
         let words: String = text.chars().filter(|letter| !letter.is_ascii_digit()).collect();
@@ -35,7 +58,7 @@ impl Told {
             message.pause = (2 * message.pause).min(LONGEST);
             message.again = now + message.pause;
         } else {
-            if self.recent.len() >= KEPT {
+            if self.recent.len() >= self.kept {
                 let Some(over) = self.recent.iter().position(|message| message.again <= now) else {
                     self.untold += 1;
                     return None;
@@ -49,7 +72,8 @@ impl Told {
 
     /// Forgets all of them, as the camera works again. Returns how many were not told since the last one.
     pub(crate) fn forget(&mut self) -> u64 {
-        std::mem::take(self).untold
+        self.recent.clear();
+        std::mem::take(&mut self.untold)
     }
 }
 
@@ -89,7 +113,10 @@ mod tests {
         let (mut told, now) = (Told::default(), Instant::now());
         assert_eq!(told.is_due("no whole frame for 1.2 s", now), Some(0));
         assert_eq!(told.is_due("no whole frame for 11.3 s", now), None);
-        assert_eq!(told.is_due("disconnected", now), Some(1));
+        assert_eq!(
+            told.due("disconnected", now).as_deref(),
+            Some("disconnected (not told since the last one: 1)")
+        );
         assert_eq!(told.forget(), 0);
         assert_eq!(told.is_due("no whole frame for 1.2 s", now), Some(0));
     }

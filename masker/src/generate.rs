@@ -23,8 +23,7 @@ use thiserror::Error;
 
 pub use accumulator::{Accumulator, Progress};
 pub use ignored::{CameraPlace, IgnoredRegion, Rectangle, RectangleError};
-pub use neighbours::LEAF_SIZES;
-pub use parameters::{ParameterError, Parameters};
+pub use parameters::{LEAF_SIZES, ParameterError, Parameters};
 pub use verdict::{Finding, Method, Verdict};
 
 use self::strip::Strip;

@@ -100,14 +100,20 @@ impl Layout {
     }
 }
 
-/// Pixels to read.
+/// An image whose pixels somebody else owns.
 #[derive(Debug, Clone, Copy)]
-pub struct ImageView<'a> {
-    pixels: &'a [u8],
+pub struct View<Pixels> {
+    pixels: Pixels,
     layout: Layout,
 }
 
-impl<'a> ImageView<'a> {
+/// Pixels to read.
+pub type ImageView<'a> = View<&'a [u8]>;
+
+/// Pixels to change in place.
+pub type ImageViewMut<'a> = View<&'a mut [u8]>;
+
+impl<Pixels: AsRef<[u8]>> View<Pixels> {
     /// Views `pixels` as an image of `width` x `height` pixels whose rows start `stride` bytes apart.
     ///
     /// The last row needs no padding; bytes past it are never touched.
@@ -115,16 +121,18 @@ impl<'a> ImageView<'a> {
     /// # Errors
     /// [`ImageError`] where pixel size, stride and buffer do not agree.
     pub fn new(
-        pixels: &'a [u8],
+        pixels: Pixels,
         width: u32,
         height: u32,
         stride: usize,
         bytes_per_pixel: usize,
     ) -> Result<Self, ImageError> {
-        let layout = Layout::new(pixels.len(), width, height, stride, bytes_per_pixel)?;
+        let layout = Layout::new(pixels.as_ref().len(), width, height, stride, bytes_per_pixel)?;
         Ok(Self { pixels, layout })
     }
+}
 
+impl<Pixels> View<Pixels> {
     /// Width in pixels.
     #[must_use]
     pub fn width(&self) -> u32 {
@@ -148,7 +156,9 @@ impl<'a> ImageView<'a> {
     pub fn bytes_per_pixel(&self) -> usize {
         self.layout.bytes_per_pixel
     }
+}
 
+impl<'a> ImageView<'a> {
     /// The viewed bytes, row by row with padding.
     #[must_use]
     pub fn pixels(&self) -> &'a [u8] {
@@ -156,55 +166,7 @@ impl<'a> ImageView<'a> {
     }
 }
 
-/// Pixels to change in place.
-#[derive(Debug)]
-pub struct ImageViewMut<'a> {
-    pixels: &'a mut [u8],
-    layout: Layout,
-}
-
-impl<'a> ImageViewMut<'a> {
-    /// Views `pixels` as an image of `width` x `height` pixels whose rows start `stride` bytes apart.
-    ///
-    /// The last row needs no padding; bytes past it are never touched.
-    ///
-    /// # Errors
-    /// [`ImageError`] where pixel size, stride and buffer do not agree.
-    pub fn new(
-        pixels: &'a mut [u8],
-        width: u32,
-        height: u32,
-        stride: usize,
-        bytes_per_pixel: usize,
-    ) -> Result<Self, ImageError> {
-        let layout = Layout::new(pixels.len(), width, height, stride, bytes_per_pixel)?;
-        Ok(Self { pixels, layout })
-    }
-
-    /// Width in pixels.
-    #[must_use]
-    pub fn width(&self) -> u32 {
-        self.layout.width
-    }
-
-    /// Height in pixels.
-    #[must_use]
-    pub fn height(&self) -> u32 {
-        self.layout.height
-    }
-
-    /// Bytes from the start of one row to the start of the next.
-    #[must_use]
-    pub fn stride(&self) -> usize {
-        self.layout.stride
-    }
-
-    /// Bytes per pixel, 1 or 2.
-    #[must_use]
-    pub fn bytes_per_pixel(&self) -> usize {
-        self.layout.bytes_per_pixel
-    }
-
+impl ImageViewMut<'_> {
     /// The viewed bytes, row by row with padding.
     #[must_use]
     pub fn pixels_mut(&mut self) -> &mut [u8] {

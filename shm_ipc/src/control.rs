@@ -1,7 +1,7 @@
-//! Requests to the driver of a camera, and its replies, as text.
+//! Requests to the driver of a camera, and its replies.
 //!
-//! The service `uvcam/v2/<camera>/control` is request-response: one request has any number of replies. What the texts mean is between
-//! the driver and its commands; this file carries them. Nothing here is near the path of a frame.
+//! The service `uvcam/v2/<camera>/control` is request-response: one request has any number of replies. A [`Request`] and a [`Reply`] go as
+//! text, which this file carries. Nothing here is near the path of a frame.
 
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -22,6 +22,14 @@ use crate::premises;
 use crate::quirks::Ipc;
 use crate::service::{Plan, Served, Visited, patiently};
 use crate::settings::Settings;
+
+mod bounds;
+mod message;
+
+pub use bounds::{Bounds, EXPOSURE_US, FRAMES, GAIN_DB};
+pub use message::{
+    Finding, GenerateReport, GenerateRequest, Method, Part, Progress, Reply, Request, UnknownMessage, Verdict,
+};
 
 type Service = request_response::PortFactory<Ipc, [u8], (), [u8], ()>;
 type Server = server::Server<Ipc, [u8], (), [u8], ()>;

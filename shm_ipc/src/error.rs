@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::header::HeaderError;
+use crate::header::{CONTRACT_VERSION, HeaderError};
 
 /// Why shared memory could not be used: what is wrong, where, and what mends it.
 ///
@@ -31,6 +31,8 @@ pub enum IpcErrorKind {
     AlreadyPublishing,
     /// The service exists, but was made with other settings, and somebody holds it.
     Incompatible,
+    /// The running driver has another version of the contract.
+    OtherVersion,
     /// No place for another consumer.
     TooManyConsumers,
     /// A consumer wants a frame or a mask more than it may hold.
@@ -122,6 +124,16 @@ pub(crate) enum Fault {
         service: String,
         /// What iceoryx2 reported.
         source: Box<dyn Error + Send + Sync>,
+    },
+    /// The running driver has another version of the contract.
+    #[error(
+        "camera \"{camera}\" is published under version {found} of the contract, this program has version {CONTRACT_VERSION}"
+    )]
+    OtherVersion {
+        /// The camera.
+        camera: String,
+        /// The driver's version.
+        found: u32,
     },
     /// No place for another consumer.
     #[error("service \"{0}\" has as many consumers as it can")]
@@ -234,6 +246,7 @@ impl Fault {
             }
             Fault::AlreadyPublishing(_) => "stop that one, or use another camera name or prefix",
             Fault::Incompatible { .. } => "stop its consumers, or use the same settings and version",
+            Fault::OtherVersion { .. } => "use driver and consumer of one version",
             Fault::TooManyConsumers(_) => "stop one, or, for frames, raise max_subscribers of the driver",
             Fault::TooManyHeld(_) => "drop one, or raise borrowed of the driver",
             Fault::TooManyMasks(_) => "drop one",
@@ -271,6 +284,7 @@ impl Fault {
             Fault::NotMapped { .. } => IpcErrorKind::NotMapped,
             Fault::AlreadyPublishing(_) => IpcErrorKind::AlreadyPublishing,
             Fault::Incompatible { .. } => IpcErrorKind::Incompatible,
+            Fault::OtherVersion { .. } => IpcErrorKind::OtherVersion,
             Fault::TooManyConsumers(_) => IpcErrorKind::TooManyConsumers,
             Fault::TooManyHeld(_) | Fault::TooManyMasks(_) => IpcErrorKind::TooManyHeld,
             Fault::MaskPending { .. } => IpcErrorKind::MaskPending,

@@ -74,13 +74,6 @@ pub(crate) fn open(
     Ok(address.opened(&wake, opened)?.map(|wake| (frames, wake)))
 }
 
-/// Whether `frames` is still the service that others find under its name.
-pub(crate) fn is_found(address: &Address, frames: &FrameService) -> bool {
-    let details = Ipc::details(frames.name(), &address.config, MessagingPattern::PublishSubscribe);
-    matches!(details, Ok(Some(found)) if found.dynamic_details.is_some()
-        && found.static_details.unique_service_id() == frames.unique_service_id())
-}
-
 fn names(address: &Address) -> Result<[ServiceName; 2], IpcError> {
     Ok([
         address.service_name(&frame_service_name(&address.camera))?,

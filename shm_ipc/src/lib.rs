@@ -26,7 +26,7 @@
 //!                 eprintln!("lost {} frames before {}", frame.lost_before(), header.sequence);
 //!             }
 //!             if !header.flags.contains(Flags::MASKED) {
-//!                 eprintln!("no mask: the own airframe is in sight");
+//!                 eprintln!("not masked: the own airframe is in sight");
 //!             }
 //!             // Row by row, `stride` bytes apart; `frame.rows()` gives them one by one.
 //!             detect(frame.pixels(), header.stride as usize);
@@ -59,6 +59,9 @@
 //!
 //! **Masks.** Under [`Flags::MASKED`], pixels of the own airframe are zero, and [`FrameHeader::mask_id`] is the identity of the mask that
 //! blanked them, 16 bytes that `uvcam` prints as 32 hexadecimal digits. It may change from one frame to the next.
+//! [`Subscriber::mask_of`] gives the [`Mask`] of a frame: an image and its runs, without a copy, and grown for a detector that must not
+//! see the edge of a black area. Under [`Flags::MASK_ATTACHED`], frames are as the camera took them, and only the mask tells where the
+//! airframe is: a consumer that does not ask for it refuses such frames.
 //!
 //! **Stamps.** [`FrameHeader::mid_exposure_monotonic_ns`] is when the picture was taken, on the clock that all processes of a host share
 //! ([`monotonic_ns`]); [`FrameHeader::mid_exposure_realtime_ns`] the same for other hosts ([`realtime_ns`]), which may step.
@@ -72,20 +75,23 @@
 //!
 //! # Beside the frames
 //!
-//! [`health`] tells how a camera is, without its frames; [`control`] carries requests to its driver. One camera is four iceoryx2
-//! services, `uvcam/v2/<camera>/frames`, `wake`, `health` and `control`, with the contract's version in their names, and a page in
+//! [`health`] tells how a camera is, without its frames; [`control`] carries requests to its driver. One camera is five iceoryx2
+//! services, `uvcam/v2/<camera>/frames`, `wake`, `mask`, `health` and `control`, with the contract's version in their names, and a page in
 //! `/dev/shm` that consumers sleep on. The driver alone creates them. What killed consumers leave behind, it cleans up
-//! ([`cleanup_dead_nodes`]).
+//! ([`cleanup_dead_nodes`]). CONTRACT.md, in the package of this crate, has every byte of it.
 //!
 //! # A driver
 //!
 //! A [`Publisher`] gives out empty slots ([`Publisher::loan`]) and sends full ones ([`Publisher::publish`]). It counts what is lost
-//! ([`Publisher::count_lost`]) and begins epochs ([`Publisher::begin_epoch`]). [`Footing`] tells whether others still find it.
+//! ([`Publisher::count_lost`]) and begins epochs ([`Publisher::begin_epoch`]). A [`mask::MaskPublisher`] gives out each mask before the first
+//! frame that names it. [`Footing`] tells whether others still find it.
 
 mod cleanup;
 mod clock;
 mod continuity;
 pub mod control;
+#[cfg(test)]
+mod document;
 mod error;
 mod footing;
 mod frame_service;

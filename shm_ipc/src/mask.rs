@@ -51,16 +51,16 @@ const GROWN: usize = 4;
 #[repr(align(64))]
 #[type_name("uvcam::MaskHeader")]
 pub(crate) struct MaskHeader {
-    magic: u32,
-    contract_version: u16,
-    header_size: u16,
-    width: u32,
-    height: u32,
-    mask_id: [u8; 16],
-    masked_px: u64,
-    runs: u32,
-    provenance_bytes: u32,
-    reserved: [u64; 2],
+    pub(crate) magic: u32,
+    pub(crate) contract_version: u16,
+    pub(crate) header_size: u16,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) mask_id: [u8; 16],
+    pub(crate) masked_px: u64,
+    pub(crate) runs: u32,
+    pub(crate) provenance_bytes: u32,
+    pub(crate) reserved: [u64; 2],
 }
 
 macro_rules! assert_offsets {

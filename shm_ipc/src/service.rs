@@ -15,11 +15,13 @@ use iceoryx2::prelude::*;
 use crate::cleanup::{cleanup, clear_the_way, half_made};
 use crate::error::{Fault, IpcError};
 use crate::footing::{Footing, Held, marks_of};
+use crate::header::CONTRACT_VERSION;
 use crate::log::quieten;
 use crate::premises;
 use crate::quirks::{self, Ipc, SHARED_MEMORY};
 use crate::resident;
 use crate::settings::{Settings, is_name};
+use crate::wake_word;
 
 mod refusal;
 
@@ -100,6 +102,20 @@ impl Address {
         Ok(None)
     }
 
+    /// To be asked where a service is not there: fails where the camera's driver runs and has another version of the contract. The names of
+    /// services hold the version, that of the page does not.
+    pub(crate) fn check_version(&self) -> Result<(), IpcError> {
+        let page = wake_word::version_of(&self.wake_word());
+        let Some(found) = page.filter(|found| *found != u32::from(CONTRACT_VERSION)) else { return Ok(()) };
+        let name = self.service_name(&format!("uvcam/v{found}/{}/frames", self.camera))?;
+        match Ipc::details(&name, &self.config, MessagingPattern::PublishSubscribe) {
+            Ok(Some(details)) if details.dynamic_details.is_some() => {
+                Err(Fault::OtherVersion { camera: self.camera.clone(), found }.into())
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// A service that was to be opened; `None` where it is not there, half made or half removed.
     pub(crate) fn opened<S, R: Refusal>(
         &self,
@@ -130,6 +146,13 @@ impl Address {
             Reason::Incompatible => Fault::Incompatible { service, source: Box::new(refusal) }.into(),
             Reason::Absent | Reason::Other => self.failed(doing, &service, refusal),
         }
+    }
+
+    /// Whether who comes now finds this service, and no other one under its name.
+    pub(crate) fn finds<S: PortFactory>(&self, service: &S, pattern: MessagingPattern) -> bool {
+        let details = Ipc::details(service.name(), &self.config, pattern);
+        matches!(details, Ok(Some(found)) if found.dynamic_details.is_some()
+            && found.static_details.unique_service_id() == service.unique_service_id())
     }
 
     /// The driver's side: removes the description of a service whose register is gone, which can be neither opened nor made anew.
@@ -232,7 +255,7 @@ impl<P, S: PortFactory> Served<P, S> {
 pub(crate) struct Visited<P, S: PortFactory> {
     // In this order: as above.
     pub(crate) port: P,
-    _service: Held<S>,
+    pub(crate) service: Held<S>,
     _node: Node<Ipc>,
     pub(crate) address: Address,
 }
@@ -246,7 +269,6 @@ impl<P, S: PortFactory> Visited<P, S> {
         open: impl FnOnce(&Address, &Node<Ipc>, &ServiceName) -> Result<Option<(S, P)>, IpcError>,
     ) -> Result<Option<Self>, IpcError> {
         let address = Address::new(settings, camera)?;
-        let name = address.service_name(name)?;
         // What others are just making is soon finished, or never.
         let give_up = Instant::now() + PATIENCE;
         while half_made(&address.config).is_some() && Instant::now() < give_up {
@@ -254,10 +276,31 @@ impl<P, S: PortFactory> Visited<P, S> {
         }
         // A driver that was killed must not be taken for one that runs.
         cleanup(&address.config);
+        Visited::find(address, name, open)
+    }
+
+    /// The same, without waiting for what others are making, and without a look at who was killed.
+    pub(crate) fn open_at_once(
+        settings: &Settings,
+        camera: &str,
+        name: &str,
+        open: impl FnOnce(&Address, &Node<Ipc>, &ServiceName) -> Result<Option<(S, P)>, IpcError>,
+    ) -> Result<Option<Self>, IpcError> {
+        Visited::find(Address::new(settings, camera)?, name, open)
+    }
+
+    fn find(
+        address: Address,
+        name: &str,
+        open: impl FnOnce(&Address, &Node<Ipc>, &ServiceName) -> Result<Option<(S, P)>, IpcError>,
+    ) -> Result<Option<Self>, IpcError> {
+        let name = address.service_name(name)?;
         let Some(node) = address.visiting_node()? else { return Ok(None) };
-        let Some((service, port)) = open(&address, &node, &name)? else { return Ok(None) };
+        let Some((service, port)) = open(&address, &node, &name)? else {
+            return address.check_version().map(|()| None);
+        };
         address.take_small_files()?;
-        Ok(Some(Visited { port, _service: Held::new(service, &address.config), _node: node, address }))
+        Ok(Some(Visited { port, service: Held::new(service, &address.config), _node: node, address }))
     }
 }
 

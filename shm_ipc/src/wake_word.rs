@@ -32,7 +32,7 @@
 //! 2. The page is reached through atomics alone, as other processes write to it.
 
 use std::fs::{self, File, OpenOptions};
-use std::io;
+use std::io::{self, Read};
 use std::mem::offset_of;
 use std::num::NonZeroU64;
 use std::ops::Deref;
@@ -137,7 +137,7 @@ impl WakeWord {
 
     /// Keeps this thread from the core that the driver last sent from. `None` where that core is not known, or the only one that the
     /// thread may use.
-    pub(crate) fn step_aside(&self) -> Option<Aside> {
+    pub(crate) fn step_aside(&self) -> Option<AffinityGuard> {
         let core = self.core()? as usize;
         // Another process wrote the number.
         if core >= CpuSet::MAX_CPU {
@@ -148,13 +148,21 @@ impl WakeWord {
         others.unset(core);
         // Fails where there are no others.
         sched_setaffinity(None, &others).ok()?;
-        Some(Aside { usual })
+        Some(AffinityGuard { usual })
     }
 
     /// Whether its name still leads to this page: where it was removed, the next driver makes another one.
     pub(crate) fn is_current(&self) -> bool {
         fs::metadata(&self.path).is_ok_and(|found| (found.dev(), found.ino()) == self.file)
     }
+}
+
+/// The version of the contract that a page tells of; `None` where there is none.
+pub(crate) fn version_of(path: &Path) -> Option<u32> {
+    let mut identity = [0; 8];
+    options().open(path).and_then(|mut file| file.read_exact(&mut identity)).ok()?;
+    let (magic, version) = identity.split_first_chunk()?;
+    (*magic == page::MAGIC.to_le_bytes()).then_some(u32::from_le_bytes(version.try_into().ok()?))
 }
 
 /// How the page is opened: never through a link, which anybody can put into `/dev/shm`.
@@ -183,11 +191,11 @@ impl Drop for WakeWord {
 
 /// While it lives, this thread stays away from the driver's core.
 #[must_use]
-pub(crate) struct Aside {
+pub(crate) struct AffinityGuard {
     usual: CpuSet,
 }
 
-impl Drop for Aside {
+impl Drop for AffinityGuard {
     fn drop(&mut self) {
         // The thread is the consumer's.
         let _ = sched_setaffinity(None, &self.usual);

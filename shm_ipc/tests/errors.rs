@@ -15,6 +15,7 @@ use support::namespace::with_shared_memory;
 use support::*;
 use uvcam_shm_ipc::control::{ControlClient, ControlServer, control_service_name};
 use uvcam_shm_ipc::health::{HealthPublisher, HealthReader, health_service_name};
+use uvcam_shm_ipc::iceoryx2::prelude::*;
 use uvcam_shm_ipc::{
     FrameHeader, IpcError, IpcErrorKind, PixelFormat, Publisher, Settings, Subscriber, cleanup_dead_nodes,
     frame_service_name,
@@ -150,6 +151,31 @@ fn services_and_frames_that_somebody_holds() {
     assert_eq!(error.kind(), IpcErrorKind::Incompatible, "{error}");
     says(&error, &[&frame_service_name(CAMERA), "stop its consumers", "same settings and version"]);
     drop(held);
+}
+
+#[test]
+fn a_driver_of_another_version_is_named_with_ours() {
+    let place = Place::new();
+    drop(place.publisher());
+    let page = wake_words(&place).remove(0);
+    let mut bytes = fs::read(&page).unwrap();
+    bytes[4] = 9;
+    fs::write(&page, bytes).unwrap();
+    // One that has ended is no obstacle.
+    assert!(!place.subscriber().is_connected());
+    let node = NodeBuilder::new().config(&place.settings.to_iceoryx2().unwrap());
+    let node = node.create::<ipc_threadsafe::Service>().unwrap();
+    let name = ServiceName::new("uvcam/v9/left/frames").unwrap();
+    let _service = node.service_builder(&name).publish_subscribe::<u64>().create().unwrap();
+    for error in [
+        place.subscriber_of(CAMERA).unwrap_err(),
+        HealthReader::open(&place.settings, CAMERA).map(drop).unwrap_err(),
+        ControlClient::open(&place.settings, CAMERA).map(drop).unwrap_err(),
+    ] {
+        assert_eq!(error.kind(), IpcErrorKind::OtherVersion, "{error}");
+        says(&error, &["\"left\"", "version 9", "this program has version 2", "of one version"]);
+    }
+    assert!(!place.subscriber_of("right").unwrap().is_connected());
 }
 
 #[test]

@@ -7,8 +7,8 @@ mod support;
 use iceoryx2::prelude::*;
 use support::child::{Role, role, say, told_to_go_on};
 use support::*;
-use uvcam_shm_ipc::IpcErrorKind;
 use uvcam_shm_ipc::health::{Cause, Health, HealthPublisher, HealthReader, State, health_service_name};
+use uvcam_shm_ipc::{Footing, IpcErrorKind};
 
 fn publisher(place: &Place) -> HealthPublisher {
     HealthPublisher::create(&place.settings, CAMERA).unwrap()
@@ -80,6 +80,73 @@ fn a_reader_stays_while_one_driver_is_killed_and_the_next_comes() {
     let next = publisher(&place);
     next.publish(&published(2)).unwrap();
     while reader.wait(PATIENCE).unwrap().unwrap().published != 2 {}
+}
+
+/// Waits until the driver's end has told the reader this.
+fn hears(reader: &mut HealthReader, publisher: &HealthPublisher, count: u64) {
+    wait_until("a record", || {
+        publisher.serve_newcomers().unwrap();
+        reader.newest().unwrap().is_some_and(|health| health.published == count)
+    });
+}
+
+#[test]
+fn a_reader_lets_go_of_a_driver_that_is_gone_and_follows_the_next_which_makes_the_service_anew() {
+    let place = Place::new();
+    let first = publisher(&place);
+    let mut reader = reader(&place);
+    first.publish(&published(1)).unwrap();
+    drop(first);
+    let mut heard = Vec::new();
+    wait_until("that it lets go", || {
+        heard.extend(reader.newest().unwrap().map(|health| health.published));
+        !reader.is_connected()
+    });
+    assert_eq!(heard, [1], "what was said last is heard");
+    let left = place.shared_memory().into_iter().filter(|(file, _)| !file.ends_with("global_mgmt"));
+    assert_eq!(left.collect::<Vec<_>>(), [], "of the service, whose last holder it was");
+    let next = publisher(&place);
+    next.publish(&published(2)).unwrap();
+    hears(&mut reader, &next, 2);
+    assert!(reader.is_connected());
+}
+
+#[test]
+fn a_reader_follows_its_driver_which_makes_removed_files_anew() {
+    let place = Place::new();
+    let mut driver = Some(publisher(&place));
+    let mut reader = reader(&place);
+    driver.as_ref().unwrap().publish(&published(1)).unwrap();
+    hears(&mut reader, driver.as_ref().unwrap(), 1);
+    for (file, _) in place.shared_memory() {
+        std::fs::remove_file(format!("/dev/shm/{file}")).unwrap();
+    }
+    let create = || HealthPublisher::create_at_once(&place.settings, CAMERA);
+    Footing::keep(&mut driver, HealthPublisher::footing, create).unwrap();
+    let driver = driver.unwrap();
+    driver.publish(&published(2)).unwrap();
+    hears(&mut reader, &driver, 2);
+}
+
+#[test]
+fn a_reader_is_told_where_the_next_driver_has_no_place_for_it() {
+    let place = Place::new();
+    let first = publisher(&place);
+    let mut reader = reader(&place);
+    drop(first);
+    wait_until("that it lets go", || {
+        assert_eq!(reader.newest().unwrap(), None);
+        !reader.is_connected()
+    });
+    let _next = publisher(&place);
+    let _others: Vec<_> =
+        (0..16).map(|_| HealthReader::open(&place.settings, CAMERA).unwrap().unwrap()).collect();
+    let mut refusal = None;
+    wait_until("the refusal", || {
+        refusal = reader.newest().err();
+        refusal.is_some()
+    });
+    assert_eq!(refusal.map(|error| error.kind()), Some(IpcErrorKind::TooManyConsumers));
 }
 
 #[test]

@@ -109,18 +109,7 @@ fn with_library(options: GvStreamOption, row: &mut Row) {
 }
 
 fn with_uvcam(row: &mut Row) {
-    let settings = Settings {
-        width: WIDTH,
-        height: HEIGHT,
-        offset_x: 0,
-        offset_y: 0,
-        binning_horizontal: 1,
-        binning_vertical: 1,
-        pixel_format: PixelFormat::Mono8,
-        fps: FPS,
-        exposure_us: 1000.0,
-        gain_db: 0.0,
-    };
+    let settings = Settings::new(WIDTH, HEIGHT, FPS, 1000.0);
     let memory = SharedMemory::new();
     let mut camera = open_aravis(ADDRESS).unwrap();
     let applied = camera.configure(&settings).unwrap();

@@ -6,7 +6,7 @@
 use std::time::{Duration, Instant};
 
 use uvcam::camera::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
-use uvcam_shm_ipc::{PixelFormat, Publisher};
+use uvcam_shm_ipc::Publisher;
 
 use crate::SharedMemory;
 
@@ -67,18 +67,7 @@ macro_rules! conformance {
 
 /// Settings that a camera of this size takes: 50 Mono8 frames a second, 1 ms of exposure, no gain.
 pub fn settings(width: u32, height: u32) -> Settings {
-    Settings {
-        width,
-        height,
-        offset_x: 0,
-        offset_y: 0,
-        binning_horizontal: 1,
-        binning_vertical: 1,
-        pixel_format: PixelFormat::Mono8,
-        fps: 50.0,
-        exposure_us: 1000.0,
-        gain_db: 0.0,
-    }
+    Settings::new(width, height, 50.0, 1000.0)
 }
 
 /// A camera with its queue filled, started.

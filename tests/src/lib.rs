@@ -11,7 +11,8 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use uvcam::camera::source::{self, Source};
+use uvcam::camera::kinds;
+use uvcam::camera::source::Source;
 use uvcam::camera::{Camera, CameraError};
 use uvcam_masker::Mask;
 use uvcam_shm_ipc::health::{Health, HealthReader};
@@ -19,6 +20,7 @@ use uvcam_shm_ipc::{Frame, Settings, Subscriber};
 
 pub mod c;
 pub mod conformance;
+pub mod dice;
 pub mod namespace;
 pub mod network;
 mod shared_memory;
@@ -34,7 +36,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// # Errors
 /// Those of the source.
 pub fn open(source: &Source) -> Result<Box<dyn Camera>, CameraError> {
-    source::of(source).open()
+    kinds::source_of(source).open()
 }
 
 /// Opens the USB3 Vision or GigE Vision camera that a configuration calls `serial`.
@@ -69,7 +71,8 @@ impl Stage {
         Stage::configured("process_per_camera = false\n", cameras)
     }
 
-    fn configured(top: &str, cameras: &str) -> Self {
+    /// The same, with these keys at the configuration's top.
+    pub fn configured(top: &str, cameras: &str) -> Self {
         let stage = Stage { memory: SharedMemory::new() };
         let Settings { prefix, root_path, .. } = stage.settings();
         let text = format!("{top}[ipc]\nprefix = \"{prefix}\"\nroot_path = {root_path:?}\n{cameras}");
@@ -285,7 +288,7 @@ pub fn children(parent: u32) -> Vec<u32> {
 
 /// Whether a process has files open, or may open some. Where nobody waits for it, a zombie remains, and is one while other threads of it
 /// still end.
-fn lives(id: u32) -> bool {
+pub fn lives(id: u32) -> bool {
     let is_zombie = status_field(id, "State:").is_none_or(|state| state.starts_with('Z'));
     let threads = std::fs::read_dir(format!("/proc/{id}/task")).map_or(0, Iterator::count);
     !is_zombie || threads > 1

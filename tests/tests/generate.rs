@@ -188,7 +188,7 @@ fn an_exposure_that_the_camera_refuses_leaves_the_flight_as_it_was() {
 }
 
 #[test]
-fn an_order_that_a_panic_took_is_answered_and_the_next_one_done() {
+fn a_request_that_a_panic_took_is_answered_and_the_next_one_done() {
     // Without a mask the camera stays closed: its first frames are the lit ones.
     let panics = simulated("left", "left.png", ", faults = [{ kind = \"panic\", at_frame = 2 }]") + IGNORE;
     let stage = Stage::new(&(panics + &simulated("right", "none", "")));
@@ -235,43 +235,43 @@ fn a_mask_that_is_being_generated_is_waited_for_and_a_signal_ends_the_command_th
     assert_eq!(said.matches("left: streaming").count(), 3, "each time it streams again: {said}");
 }
 
-/// What the driver of `left` answers to this question, and its exit code for it.
-fn answer(stage: &Stage, question: &str) -> (u64, String) {
+/// What the driver of `left` replies to this request, and its exit code for it.
+fn reply(stage: &Stage, request: &str) -> (u64, String) {
     let client = ControlClient::open(&stage.settings(), "left").unwrap().unwrap();
-    let replies = client.request(question).unwrap();
+    let replies = client.request(request).unwrap();
     let NextReply::Text(text) = replies.receive(std::time::Duration::from_secs(20)) else {
-        panic!("no answer")
+        panic!("no reply")
     };
-    let answer: Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(answer["answer"], "failed", "{answer}");
-    (answer["exit"].as_u64().unwrap(), answer["cause"].as_str().unwrap().into())
+    let reply: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(reply["reply"], "failed", "{reply}");
+    (reply["exit"].as_u64().unwrap(), reply["cause"].as_str().unwrap().into())
 }
 
 #[test]
-fn questions_that_no_command_asks_are_answered_with_what_is_wrong() {
+fn requests_that_no_command_makes_are_answered_with_what_is_wrong() {
     let stage = Stage::new(&left());
     stage.write_mask("left.png", (752, 480), 10);
     let mut left = stage.subscriber("left");
     let driver = stage.driver();
     next_frame(&mut left);
-    let wish = |keys: &str| {
+    let request = |keys: &str| {
         format!(
-            "{{\"ask\":\"generate\",\"accept\":true,\"wish\":{{\"method\":\"fused\",\"ignore\":[],\"replace\":true,{keys}}}}}"
+            "{{\"request\":\"generate\",\"accept\":true,\"method\":\"fused\",\"ignore\":[],\"replace\":true,{keys}}}"
         )
     };
-    for (question, expected) in [
-        (wish("\"frames\":8,\"exposure_us\":-1"), "exposure_us = -1 refused"),
-        (wish("\"frames\":8,\"exposure_us\":1e-300"), "exposure_us = 0.000"),
-        (wish("\"frames\":8,\"gain_db\":1e9"), "gain_db = 1000000000 refused"),
-        (wish("\"frames\":0"), "frames = 0 refused: ask for 1 to 255"),
-        (wish("\"frames\":4294967295"), "frames = 4294967295 refused"),
-        (wish("\"frames\":8,\"exposure_us\":NaN"), "does not know the request"),
-        (wish("\"frames\":8,\"exposure_us\":1e999"), "does not know the request"),
+    for (text, expected) in [
+        (request("\"frames\":8,\"exposure_us\":-1"), "exposure_us = -1 refused"),
+        (request("\"frames\":8,\"exposure_us\":1e-300"), "exposure_us = 0.000"),
+        (request("\"frames\":8,\"gain_db\":1e9"), "gain_db = 1000000000 refused"),
+        (request("\"frames\":0"), "frames = 0 refused: ask for 1 to 255"),
+        (request("\"frames\":4294967295"), "frames = 4294967295 refused"),
+        (request("\"frames\":8,\"exposure_us\":NaN"), "does not know the request"),
+        (request("\"frames\":8,\"exposure_us\":1e999"), "does not know the request"),
         ("fly".into(), "does not know the request"),
         (String::new(), "does not know the request"),
         ("[".repeat(LONGEST_TEXT), "does not know the request"),
     ] {
-        let (exit, cause) = answer(&stage, &question);
+        let (exit, cause) = reply(&stage, &text);
         assert!(exit == 2 && cause.contains(expected), "{exit}: {cause}");
     }
     wait_until("it streams", || left.receive().unwrap().is_some());
@@ -280,7 +280,7 @@ fn questions_that_no_command_asks_are_answered_with_what_is_wrong() {
 }
 
 #[test]
-fn an_order_whose_command_was_killed_stores_nothing_and_the_flight_goes_on() {
+fn a_request_whose_command_was_killed_stores_nothing_and_the_flight_goes_on() {
     let stage = Stage::new(&left());
     stage.write_mask("left.png", (752, 480), 10);
     let mut left = stage.subscriber("left");

@@ -6,29 +6,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use uvcam_shm_ipc::{FrameHeader, Subscriber, monotonic_ns};
+use uvcam_tests::dice::Dice;
 use uvcam_tests::{Stage, stderr, wait_until};
 
 /// Frames that wait for a consumer: as many as the camera produces in a quarter of a second.
 const BUFFER: u64 = 64;
-
-/// Different numbers in each run, and the same where a run is to be repeated.
-struct Dice(u64);
-
-impl Dice {
-    fn new() -> Self {
-        let seed =
-            std::env::var("UVCAM_TEST_SEED").map_or(std::process::id().into(), |seed| seed.parse().unwrap());
-        println!("UVCAM_TEST_SEED={seed} repeats this run");
-        Dice(seed)
-    }
-
-    /// A number below `end`.
-    fn roll(&mut self, end: u64) -> u64 {
-        // Knuth's MMIX generator; the upper bits are the better ones.
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % end
-    }
-}
 
 /// What happens to a camera from the start of its driver to the driver's end.
 struct Life {

@@ -11,6 +11,7 @@ use uvcam_shm_ipc::Slot;
 
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
 use crate::clock::DeviceClock;
+use crate::told::OPENING;
 use features::{Features, failed};
 use frame_id::FrameIdUnwrapper;
 use stream::SlotStream;
@@ -145,7 +146,8 @@ impl Camera for AravisCamera {
         let stream = self.camera.create_stream().map_err(|error| self.failed("starting", error))?;
         gige::tune(&stream, self.payload_bytes);
         if let Some(bytes) = gige::packet_bytes(&self.camera) {
-            tracing::info!("camera {}: frames come in packets of {bytes} bytes", self.identity.serial);
+            let serial = &self.identity.serial;
+            tracing::info!(target: OPENING, "camera {serial}: frames come in packets of {bytes} bytes");
         }
         self.frame_ids = FrameIdUnwrapper::default();
         self.slots.start(stream);

@@ -117,10 +117,10 @@ impl Camera for Guard {
 mod tests {
     use std::sync::{Arc, Mutex};
 
-    use uvcam_shm_ipc::{PixelFormat, Publisher};
+    use uvcam_shm_ipc::Publisher;
 
     use super::*;
-    use crate::frame_path::tests::{Place, applied, identity};
+    use crate::frame_path::tests::{Place, identity};
 
     /// A camera that writes down what reaches it, and fails when it is told to.
     struct Recorder {
@@ -149,7 +149,7 @@ mod tests {
             self.fails = settings.fps == 0.0;
             self.call("configure")?;
             self.fails = settings.gain_db > 0.0;
-            Ok(applied(settings.width, settings.height))
+            Ok(Applied::exactly(settings))
         }
 
         fn queue(&mut self, _: Slot) -> Result<(), CameraError> {
@@ -175,18 +175,7 @@ mod tests {
         (Guard::new(Box::new(recorder)), calls)
     }
 
-    const SETTINGS: Settings = Settings {
-        width: 8,
-        height: 4,
-        offset_x: 0,
-        offset_y: 0,
-        binning_horizontal: 1,
-        binning_vertical: 1,
-        pixel_format: PixelFormat::Mono8,
-        fps: 50.0,
-        exposure_us: 1000.0,
-        gain_db: 0.0,
-    };
+    const SETTINGS: Settings = Settings::new(8, 4, 50.0, 1000.0);
     const NO_SETTINGS: Settings = Settings { fps: 0.0, ..SETTINGS };
     const NO_START: Settings = Settings { gain_db: 1.0, ..SETTINGS };
 

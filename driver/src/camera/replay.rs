@@ -10,7 +10,8 @@ use uvcam_shm_ipc::{Flags, PixelFormat, Slot, monotonic_ns};
 use super::paced::{Due, Paced, deadline};
 use super::source::CameraSource;
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
-use crate::error::with_causes;
+use crate::causes::with_causes;
+use crate::told::OPENING;
 
 mod ahead;
 mod folder;
@@ -99,7 +100,7 @@ impl Camera for ReplayCamera {
             read_frame(&first).map_err(|error| self.failed("reading its pictures", with_causes(&error)))?;
         // A single dark picture is no proof of it.
         if let Some(used_bits) = picture.unscaled_bits().filter(|bits| *bits > 0) {
-            tracing::warn!("`{}`: {}", first.display(), FrameError::Unscaled { used_bits });
+            tracing::warn!(target: OPENING, "`{}`: {}", first.display(), FrameError::Unscaled { used_bits });
         }
         let (width, height) = picture.gray.dimensions();
         if (width, height) != (settings.width, settings.height) {
@@ -112,16 +113,7 @@ impl Camera for ReplayCamera {
         }
         self.size = (width, height);
         self.fps = settings.fps;
-        Ok(Applied {
-            width: settings.width,
-            height: settings.height,
-            stride: settings.width,
-            pixel_format: PixelFormat::Mono8,
-            fps: settings.fps,
-            exposure_us: settings.exposure_us,
-            gain_db: settings.gain_db,
-            payload_bytes: settings.frame_bytes(),
-        })
+        Ok(Applied::exactly(settings))
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {

@@ -41,6 +41,8 @@ struct State {
     tear: u64,
     /// Times that the next configurations are not what was asked.
     misconfigure: u64,
+    /// Memory that was taken and is of no use to anybody.
+    leaked: Vec<Vec<u8>>,
     /// What it looks at with these settings: a device that is opened again need not draw it anew.
     scene: Option<(Settings, Arc<Scene>)>,
 }
@@ -138,6 +140,8 @@ enum Fate {
     Hung(Duration),
     /// The last of its thread.
     Panicked,
+    /// Late, and so many times 2^20 bytes are gone.
+    Leaked(u64),
 }
 
 impl State {
@@ -161,6 +165,7 @@ impl State {
                 }
                 FaultKind::Hang { seconds } => return Fate::Hung(Duration::from_secs_f64(seconds)),
                 FaultKind::Panic => return Fate::Panicked,
+                FaultKind::Leak { megabytes } => return Fate::Leaked(megabytes),
             }
         }
         if self.frozen_until.is_some() {
@@ -228,16 +233,7 @@ impl Camera for SimulatedCamera {
         let scene = self.device.scene(settings, || Scene::new(settings, exposure_us, gain_db, still));
         self.scene = Some(scene);
         self.fps = settings.fps;
-        Ok(Applied {
-            width: settings.width,
-            height: settings.height,
-            stride: settings.width * settings.pixel_format.bytes_per_pixel() as u32,
-            pixel_format: settings.pixel_format,
-            fps: settings.fps,
-            exposure_us,
-            gain_db,
-            payload_bytes: settings.frame_bytes(),
-        })
+        Ok(Applied { exposure_us, gain_db, ..Applied::exactly(settings) })
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {
@@ -282,6 +278,12 @@ impl Camera for SimulatedCamera {
                 Fate::Hung(duration) => {
                     self.paced.withdraw(due);
                     std::thread::sleep(duration);
+                    self.paced.resume();
+                }
+                Fate::Leaked(megabytes) => {
+                    self.paced.withdraw(due);
+                    // Written to, so that it is there. Where there is no more, the runtime aborts, as libraries do.
+                    (0..megabytes).for_each(|_| self.device.state().leaked.push(vec![1; 1 << 20]));
                     self.paced.resume();
                 }
                 Fate::Panicked => std::panic::panic_any("a panic by the camera's script"),

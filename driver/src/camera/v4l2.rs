@@ -16,6 +16,7 @@ use uvcam_shm_ipc::Slot;
 use super::source::{CameraSource, V4l2, V4l2Memory};
 use super::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
 use crate::clock::DeviceClock;
+use crate::told::OPENING;
 use controls::Failure;
 use format::Layout;
 use sequence::SequenceUnwrapper;
@@ -126,7 +127,9 @@ impl Camera for V4l2Camera {
             V4l2Memory::UserPointer => {
                 tracing::debug!("camera {}: frames are not copied", self.identity.serial)
             }
-            V4l2Memory::Mapped => tracing::info!("camera {}: frames are copied once", self.identity.serial),
+            V4l2Memory::Mapped => {
+                tracing::info!(target: OPENING, "camera {}: frames are copied once", self.identity.serial);
+            }
         }
         Ok(())
     }

@@ -4,7 +4,7 @@
 const SHORT_COUNTERS: [u32; 2] = [16, 32];
 /// A turn shorter than this passes too often to tell turns from delays.
 const SHORTEST_TURN_NS: f64 = 20e6;
-/// How much later than the device says a frame may come, for its fall to be taken for a turn of the counter.
+/// How much later than the device says a frame may come while the fall of the counter is still taken for a turn.
 const LONGEST_DELAY_NS: f64 = 100e6;
 
 /// Turns a counter that may wrap into time that only grows.

@@ -10,7 +10,7 @@
 const BUCKET_NS: i64 = 500_000_000;
 /// Buckets kept: 16 s, in which the drift of a quartz is constant to a hundredth of a ppm.
 const BUCKETS: usize = 32;
-/// Time that the buckets must span before they tell a drift.
+/// Time that the buckets must span before a drift is computed from them.
 const SHORTEST_SPAN_NS: i64 = 2_000_000_000;
 /// Largest drift that is believed: NTP may slew CLOCK_MONOTONIC by as much (adjtime(3)), a quartz drifts by 100 ppm at most.
 const MOST_DRIFT: f64 = 500e-6;

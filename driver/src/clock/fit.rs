@@ -8,7 +8,7 @@ use super::envelope::{Envelope, nearest};
 const STEP_NS: i64 = 1_000_000;
 /// A clock that was set back, or a way that became longer, makes every frame late: believed after this time.
 const PATIENCE_S: usize = 3;
-/// How fast an error below [`STEP_NS`] is mended: by so much of the time that passes, and by so much a frame. Intervals between stamps
+/// How fast an error below [`STEP_NS`] is mended: at most this share of the time that passes, and this much a frame. Intervals between stamps
 /// are wrong by no more than this and the error of the drift.
 const SLEW: f64 = 500e-6;
 const MOST_SLEW_NS: f64 = 10_000.0;
@@ -99,7 +99,7 @@ impl ClockFit {
         }
     }
 
-    /// Lets the frame placed last tell about the frames to come. For after it was sent; the next [`ClockFit::place`] does it otherwise.
+    /// Learns from the frame placed last. To be called after it was sent; otherwise the next [`ClockFit::place`] does it.
     #[inline(never)]
     pub fn learn(&mut self) {
         let Some(state) = &mut self.state else { return };

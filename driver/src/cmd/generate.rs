@@ -2,22 +2,22 @@
 
 mod report;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
 use uvcam_masker::file::{FileError, FrameError, read_frame};
-use uvcam_shm_ipc::control::{ControlClient, NextReply};
+use uvcam_shm_ipc::control::{
+    self, ControlClient, GenerateReport, GenerateRequest, NextReply, Reply, Verdict,
+};
 
 use crate::args;
 use crate::config::{self, CameraConfig, Config};
-use crate::control::{Reply, Request};
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
-use crate::generate::{Light, Order, light};
-use crate::generator::{Generator, Report, store_of};
+use crate::generate::{Generator, Request};
+use crate::mask_store::MaskStore;
 use crate::supervise::Supervisor;
 
 /// A driver that says nothing for this long has died.
@@ -29,9 +29,10 @@ pub(super) fn execute(
     arguments: &args::Generate,
     config: impl FnOnce() -> Result<Config, Error>,
 ) -> Result<Exit, Error> {
+    let request = request(arguments);
     if let Some(out) = &arguments.out {
-        let report = from_files(arguments, out)?;
-        let exit = if report.is_ok() { Exit::Done } else { Exit::Refused };
+        let report = from_files(&request, &arguments.from, out)?;
+        let exit = if report.verdict == Verdict::Ok { Exit::Done } else { Exit::Refused };
         report::show(&[("files", report)], arguments)?;
         return Ok(exit);
     }
@@ -50,16 +51,7 @@ pub(super) fn execute(
     let mut reports = Vec::new();
     let mut exit = Exit::Done;
     for camera in cameras {
-        let driver = arguments
-            .wish
-            .check(&camera.generate)
-            .and_then(|()| Ok(ControlClient::open(&config.ipc.settings, &camera.name)?));
-        let report = match driver {
-            Ok(Some(driver)) => ask_driver(&driver, camera, arguments, &stop),
-            Ok(None) => alone(camera, &config, arguments, &stop),
-            Err(error) => Err(error),
-        };
-        match report {
+        match generate(&request, camera, &config, &stop) {
             Ok(report) => reports.push((camera.name.as_str(), report)),
             // The other cameras still get their masks.
             Err(error) => {
@@ -69,27 +61,48 @@ pub(super) fn execute(
         }
     }
     report::show(&reports, arguments)?;
-    let refused = reports.iter().any(|(_, report)| !report.is_ok());
+    let refused = reports.iter().any(|(_, report)| report.verdict == Verdict::Refused);
     Ok(if exit == Exit::Done && refused { Exit::Refused } else { exit })
 }
 
-fn from_files(arguments: &args::Generate, out: &Path) -> Result<Report, Error> {
-    let configured = config::Generate::default();
-    arguments.wish.check(&configured)?;
-    let mut generator = Generator::new(arguments.wish.clone(), &configured);
+/// What the command line asks for.
+fn request(arguments: &args::Generate) -> GenerateRequest {
+    let method = match arguments.method {
+        args::Method::Fused => control::Method::Fused,
+        args::Method::Paper => control::Method::Paper,
+    };
+    GenerateRequest {
+        method,
+        frames: arguments.frames,
+        ignore: arguments.ignore.clone(),
+        replace: arguments.replace,
+        accept: arguments.accept,
+        exposure_us: arguments.exposure_us,
+        gain_db: arguments.gain_db,
+        sigma: arguments.sigma,
+        eta: arguments.eta,
+        leaf: arguments.leaf,
+        k: arguments.k,
+        tau: arguments.tau,
+        kappa: arguments.kappa,
+    }
+}
+
+fn from_files(request: &GenerateRequest, from: &[PathBuf], out: &Path) -> Result<GenerateReport, Error> {
+    let mut generator = Generator::new(Request::try_from((request, &config::Generate::default()))?);
     // Bits that the brightest of them uses, as long as all seem to be unscaled.
     let mut unscaled = Some(0);
-    for file in &arguments.from {
+    for file in from {
         let frame = read_frame(file).map_err(Error::Frame)?;
         unscaled = unscaled.zip(frame.unscaled_bits()).map(|(before, bits)| bits.max(before));
         // Pictures are few and chosen: all are taken, settled or not.
         generator.add(frame.gray)?;
     }
-    if let Some((used_bits, path)) = unscaled.filter(|bits| *bits > 0).zip(arguments.from.first()) {
+    if let Some((used_bits, path)) = unscaled.filter(|bits| *bits > 0).zip(from.first()) {
         let source = FrameError::Unscaled { used_bits };
         return Err(Error::Frame(FileError::NotAFrame { path: path.clone(), source }));
     }
-    let generated = generator.finish(arguments.wish.exposure_us)?;
+    let generated = generator.finish(request.exposure_us)?;
     let mut report = generated.report();
     if let Some(mask) = &generated.outcome.mask {
         let mut texts = generated.provenance();
@@ -100,22 +113,33 @@ fn from_files(arguments: &args::Generate, out: &Path) -> Result<Report, Error> {
     Ok(report)
 }
 
-/// The running driver does the work.
-fn ask_driver(
-    driver: &ControlClient,
+/// The running driver does the work; where none runs, it is done here.
+fn generate(
+    request: &GenerateRequest,
     camera: &CameraConfig,
-    arguments: &args::Generate,
+    config: &Config,
+    stop: &Arc<AtomicBool>,
+) -> Result<GenerateReport, Error> {
+    let checked = Request::try_from((request, &camera.generate))?;
+    match ControlClient::open(&config.ipc.settings, &camera.name)? {
+        Some(driver) => by_driver(&driver, request, camera, stop),
+        None => alone(checked, camera, config, stop),
+    }
+}
+
+fn by_driver(
+    driver: &ControlClient,
+    request: &GenerateRequest,
+    camera: &CameraConfig,
     stop: &AtomicBool,
-) -> Result<Report, Error> {
+) -> Result<GenerateReport, Error> {
     tracing::info!("{}: asking the running driver", camera.name);
-    let request = Request::Generate { wish: arguments.wish.clone(), accept: arguments.accept };
-    // A value of plain numbers and texts always has a JSON form.
-    let replies = driver.request(&serde_json::to_string(&request).unwrap_or_default())?;
+    let replies = driver.request(&control::Request::Generate(request.clone()).to_text())?;
     let mut heard = Instant::now();
     let bar = report::Bar::new(&camera.name);
     while !stop.load(Ordering::Relaxed) {
         match replies.receive(GLANCE) {
-            NextReply::Text(text) => match serde_json::from_str(&text) {
+            NextReply::Text(text) => match text.parse() {
                 Ok(Reply::Collecting { progress }) => {
                     heard = Instant::now();
                     bar.show(progress);
@@ -141,34 +165,19 @@ fn ask_driver(
 
 /// No driver runs: the camera is opened here.
 fn alone(
+    request: Request,
     camera: &CameraConfig,
     config: &Config,
-    arguments: &args::Generate,
     stop: &Arc<AtomicBool>,
-) -> Result<Report, Error> {
-    store_of(camera)?;
-    let (done, result) = channel();
-    let wish = arguments.wish.clone();
-    let (exposure_us, gain_db) = light(&wish, &camera.generate)?;
-    let order = Order {
-        exposure_us,
-        gain_db,
-        generator: Generator::new(wish, &camera.generate),
-        progress: Box::new({
-            let bar = report::Bar::new(&camera.name);
-            move |progress| bar.show(progress)
-        }),
-        cancelled: stop.clone(),
-        done: Box::new(move |generator, light| drop(done.send((generator, light)))),
-    };
+) -> Result<GenerateReport, Error> {
+    // What cannot be stored need not be made.
+    MaskStore::of(camera)?;
     tracing::info!("{}: no driver runs, opening the camera", camera.name);
-    Supervisor::fulfil_alone(camera, &config.ipc, Arc::default(), order);
-    let (generator, light): (Generator, Result<Light, Error>) =
-        result.recv().map_err(|_| Error::Busy("the camera gave no answer".into()))?;
-    let light = light?;
+    let bar = report::Bar::new(&camera.name);
+    let progress = move |so_far| bar.show(so_far);
+    let lit_frames = Supervisor::collect_alone(camera, &config.ipc, stop.clone(), request, progress)?;
     if stop.load(Ordering::Relaxed) {
         return Err(Error::Stopped);
     }
-    let generated = generator.finish(Some(light.applied.exposure_us))?;
-    generated.store(camera, light.provenance(), arguments.accept)
+    lit_frames.generate()?.store(camera)
 }

@@ -1,12 +1,13 @@
 //! `uvcam list`: the cameras that can be opened.
 
+use super::table::columns;
 use crate::args;
-use crate::camera::{Identity, source};
+use crate::camera::{Identity, kinds};
 use crate::error::Error;
 use crate::exit::Exit;
 
 pub(super) fn execute(arguments: &args::List) -> Result<Exit, Error> {
-    let cameras = source::list();
+    let cameras = kinds::list();
     if arguments.json {
         // A list of plain texts always has a JSON form.
         super::print(&serde_json::to_string_pretty(&cameras).unwrap_or_default())?;
@@ -15,7 +16,7 @@ pub(super) fn execute(arguments: &args::List) -> Result<Exit, Error> {
     if cameras.is_empty() {
         tracing::warn!(
             "no camera found; check cables, power, and the rights on the device (udev rules){}",
-            without(&source::KINDS)
+            without(&kinds::KINDS)
         );
         return Ok(Exit::Done);
     }
@@ -39,13 +40,7 @@ fn table(cameras: &[Identity]) -> String {
         let Identity { kind, serial, model, vendor, transport, address } = camera.clone();
         [kind.into(), serial, model, vendor, transport, address]
     }));
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..6).map(width).collect();
-    let lines = rows.iter().map(|row| {
-        let cells = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}"));
-        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
-    });
-    lines.collect::<Vec<_>>().join("\n")
+    columns(&rows)
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use serde::Serialize;
 use uvcam_masker::check::{self, Report, Severity};
 use uvcam_masker::{ImageViewMut, Mask, MaskId, file};
 
+use super::table::rows;
 use crate::args;
 use crate::config::Config;
 use crate::error::Error;
@@ -43,7 +44,7 @@ struct CheckReport {
     parts: Vec<Part>,
     grey_px: u64,
     mask_id: Option<String>,
-    problems: Vec<Finding>,
+    problems: Vec<Problem>,
 }
 
 #[derive(Serialize)]
@@ -56,7 +57,7 @@ struct Part {
 }
 
 #[derive(Serialize)]
-struct Finding {
+struct Problem {
     severity: &'static str,
     text: String,
 }
@@ -101,7 +102,7 @@ fn json(report: &Report) -> CheckReport {
         problems: report
             .problems
             .iter()
-            .map(|problem| Finding { severity: severity(problem.severity()), text: problem.to_string() })
+            .map(|problem| Problem { severity: severity(problem.severity()), text: problem.to_string() })
             .collect(),
     }
 }
@@ -117,17 +118,15 @@ fn table(report: &Report) -> String {
     let total = (f64::from(report.width) * f64::from(report.height)).max(1.0);
     let areas: Vec<String> = report.parts.iter().map(|part| part.area_px.to_string()).collect();
     let id = if report.mask_id == MaskId::NONE { "none".into() } else { report.mask_id.to_string() };
-    format!(
-        "size    {}x{}\nmasked  {} px ({:.1} %) in {} runs\nparts   {}{}\nmask    {id}\nverdict {}",
-        report.width,
-        report.height,
-        report.masked_px,
-        report.masked_px as f64 / total * 100.0,
-        report.runs,
-        areas.len(),
-        if areas.is_empty() { String::new() } else { format!(", of {} px", areas.join(", ")) },
-        if report.can_fly() { "can fly" } else { "must not fly" }
-    )
+    let parts = if areas.is_empty() { String::new() } else { format!(", of {} px", areas.join(", ")) };
+    let share = report.masked_px as f64 / total * 100.0;
+    rows(&[
+        ("size", format!("{}x{}", report.width, report.height)),
+        ("masked", format!("{} px ({share:.1} %) in {} runs", report.masked_px, report.runs)),
+        ("parts", format!("{}{parts}", areas.len())),
+        ("mask", id),
+        ("verdict", if report.can_fly() { "can fly" } else { "must not fly" }.into()),
+    ])
 }
 
 fn apply(arguments: &args::MaskApply) -> Result<Exit, Error> {

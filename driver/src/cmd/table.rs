@@ -1,13 +1,23 @@
-//! Figures for people: rows of names and values, and latencies in columns.
+//! Tables for people.
 
 use serde::Serialize;
 use uvcam_shm_ipc::health::Latency;
 
+/// Lines of cells, each column as wide as its longest cell.
+pub(super) fn columns<const N: usize>(lines: &[[String; N]]) -> String {
+    let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max().unwrap_or(0);
+    let widths: [usize; N] = std::array::from_fn(width);
+    let text = |line: &[String; N]| {
+        let cells = line.iter().zip(widths).map(|(cell, width)| format!("{cell:<width$}"));
+        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    lines.iter().map(text).collect::<Vec<_>>().join("\n")
+}
+
 /// Names and values, one a line, the values below one another.
 pub(super) fn rows(cells: &[(&str, String)]) -> String {
-    let width = cells.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-    let lines: Vec<String> = cells.iter().map(|(name, value)| format!("{name:<width$}  {value}")).collect();
-    lines.join("\n")
+    let lines: Vec<_> = cells.iter().map(|(name, value)| [(*name).to_owned(), value.clone()]).collect();
+    columns(&lines)
 }
 
 /// The identity of a mask, and whether frames are left as they are.

@@ -1,19 +1,19 @@
 //! The file as written, and its way to a valid [`Config`].
 
-use std::fmt::Display;
-use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, Deserializer};
+use uvcam_shm_ipc::control::{EXPOSURE_US, GAIN_DB};
 use uvcam_shm_ipc::{PixelFormat, SettingError};
 
-use super::error::{Text, shortened};
+use super::error::Text;
 use super::generate::GenerateTable;
-use super::keys::suggestion;
+use super::keys::{TOP, Table, keys_of, suggestion};
+use super::reader::{Reader, either};
 use super::realtime::RealtimeTable;
-use super::shared::Shared;
+use super::shared::{Places, Shared};
 use super::source::SourceTable;
 use super::{CameraConfig, Config, ConfigError, Ipc, MaskChoice, MaskMode, Source};
 use crate::camera::Settings;
@@ -27,6 +27,7 @@ struct Document {
     camera: Vec<CameraTable>,
     uav: Option<Spanned<String>>,
     process_per_camera: Option<bool>,
+    process_memory_mb: Option<Spanned<u64>>,
 }
 
 #[derive(Deserialize, Default)]
@@ -63,12 +64,24 @@ struct CameraTable {
     realtime: RealtimeTable,
 }
 
+/// The tables of a configuration, with the keys that are read of each.
+pub(super) fn tables() -> [Table; 6] {
+    [
+        (TOP, keys_of::<Document>()),
+        ("[ipc]", keys_of::<IpcTable>()),
+        ("[[camera]]", keys_of::<CameraTable>()),
+        ("source", keys_of::<SourceTable>()),
+        ("[camera.generate]", keys_of::<GenerateTable>()),
+        ("[camera.realtime]", keys_of::<RealtimeTable>()),
+    ]
+}
+
 /// What may name a camera or a UAV.
 const NAME: &str = "1 to 64 letters, digits, \"_\" or \"-\" (ASCII)";
 /// Where a mask lies that the configuration does not name: as UVDAR names them.
 const MASK: &str = "{uav}_{serial}.png";
-pub(super) const EXPOSURE: &str = "1 to 10000000 microseconds";
-pub(super) const GAIN: &str = "-40 to 80 decibels";
+/// Twice what it takes to generate the mask of the largest frames that can have one (32 MB of pixels).
+const PROCESS_MEMORY_MB: u64 = 1024;
 /// The largest image side that is taken for meant, px.
 const LARGEST_SIDE: u64 = 16384;
 
@@ -78,10 +91,13 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
     let parsed = DeTable::parse(text).map_err(|error| place.not_toml(&error))?;
     reader.check_headings(parsed.get_ref())?;
     reader.check_sources(parsed.get_ref())?;
-    let document = Document::deserialize(Deserializer::from(parsed.clone()))
-        .map_err(|error| place.not_ours(&error, parsed.get_ref()))?;
+    let document: Document = serde_path_to_error::deserialize(Deserializer::from(parsed))
+        .map_err(|error| place.not_ours(error.inner(), error.path(), &tables()))?;
     let uav =
         reader.value_or("uav", document.uav, "uav".into(), NAME, |text| is_name(text) && text.len() <= 64)?;
+    let process_memory_mb = document.process_memory_mb.map_or(Ok(PROCESS_MEMORY_MB), |mb| {
+        reader.whole("process_memory_mb", mb, "128 to 1048576 MB", 128..=1 << 20)
+    })?;
     let ipc = reader.ipc(document.ipc)?;
     if document.camera.is_empty() {
         return Err(reader.0.refuse(0..0, "camera", "no [[camera]] table".into(), "at least one camera"));
@@ -98,16 +114,10 @@ pub(super) fn parse(text: &str, file: &Path) -> Result<Config, ConfigError> {
         digest: super::digest(text),
         text: text.to_owned(),
         process_per_camera: document.process_per_camera.unwrap_or(true),
+        process_memory_bytes: process_memory_mb << 20,
         ipc,
         cameras,
     })
-}
-
-/// Where the keys are that no two cameras may have in common.
-pub(super) struct Places {
-    pub(super) name: Range<usize>,
-    pub(super) source: Range<usize>,
-    pub(super) mask: Range<usize>,
 }
 
 impl CameraTable {
@@ -118,75 +128,7 @@ impl CameraTable {
     }
 }
 
-pub(super) struct Reader<'a>(pub(super) Text<'a>);
-
 impl Reader<'_> {
-    /// The value, or a refusal where `valid` says no.
-    pub(super) fn value<T: Display>(
-        &self,
-        key: &str,
-        value: Spanned<T>,
-        allowed: &str,
-        valid: impl FnOnce(&T) -> bool,
-    ) -> Result<T, ConfigError> {
-        if valid(value.get_ref()) {
-            return Ok(value.into_inner());
-        }
-        let found = shortened(&value.get_ref().to_string());
-        let found = if found.is_empty() { "an empty text".into() } else { found };
-        Err(self.0.refuse(value.span(), key, found, allowed))
-    }
-
-    /// The value where it is written, the default where not, or a refusal.
-    pub(super) fn value_or<T: Display>(
-        &self,
-        key: &str,
-        value: Option<Spanned<T>>,
-        default: T,
-        allowed: &str,
-        valid: impl FnOnce(&T) -> bool,
-    ) -> Result<T, ConfigError> {
-        value.map_or(Ok(default), |value| self.value(key, value, allowed, valid))
-    }
-
-    /// A whole number within its range, or a refusal.
-    pub(super) fn whole<T: TryFrom<u64>>(
-        &self,
-        key: &str,
-        value: Spanned<u64>,
-        allowed: &str,
-        range: RangeInclusive<u64>,
-    ) -> Result<T, ConfigError> {
-        let span = value.span();
-        let number = self.value(key, value, allowed, |number| range.contains(number))?;
-        T::try_from(number).map_err(|_| self.0.refuse(span, key, number.to_string(), allowed))
-    }
-
-    /// A path as it is written. Nothing in it is expanded, so what a shell would expand is refused.
-    pub(super) fn path(
-        &self,
-        key: &str,
-        value: Spanned<String>,
-        allowed: &str,
-    ) -> Result<String, ConfigError> {
-        let span = value.span();
-        let path = self.value(key, value, allowed, |path| !path.is_empty())?;
-        let shown = || format!("{path:?}");
-        let unexpanded = match path.chars().next() {
-            Some('~') => Some("~ is not expanded"),
-            Some('$') => Some("variables are not expanded"),
-            _ => None,
-        };
-        if let Some(cause) = unexpanded {
-            let write = format!("{cause}: write the folders out, from / on");
-            return Err(self.0.mistyped(span.start, key, shown(), write));
-        }
-        if path.contains(char::is_control) {
-            return Err(self.0.refuse(span, key, shown(), "a path without control characters"));
-        }
-        Ok(path)
-    }
-
     /// One `[camera]` is no list of cameras, and nothing else is one: a list would be taken for a table, its elements for keys.
     fn check_headings(&self, document: &DeTable<'_>) -> Result<(), ConfigError> {
         self.check_single(document, "ipc", "write [ipc]")?;
@@ -258,9 +200,9 @@ impl Reader<'_> {
         let pixel_format = match table.pixel_format {
             None => PixelFormat::Mono8,
             Some(name) => name.get_ref().parse().map_err(|_| {
-                let known = ["Mono8", "Mono10", "Mono12", "Mono16"];
+                let known = PixelFormat::ALL.map(PixelFormat::name);
                 let found = format!("\"{}\"{}", name.get_ref(), suggestion(name.get_ref(), &known));
-                self.0.refuse(name.span(), "pixel_format", found, "Mono8, Mono10, Mono12 or Mono16")
+                self.0.refuse(name.span(), "pixel_format", found, &either(&known))
             })?,
         };
         let settings = Settings {
@@ -274,13 +216,8 @@ impl Reader<'_> {
             fps: self.value("fps", table.fps, "0.1 to 10000 frames a second", |fps| {
                 (0.1..=10_000.0).contains(fps)
             })?,
-            exposure_us: self.value(
-                "exposure_us",
-                table.exposure_us,
-                "1 to 10000000 microseconds",
-                |us| (1.0..=1e7).contains(us),
-            )?,
-            gain_db: self.value_or("gain_db", table.gain_db, 0.0, GAIN, |db| (-40.0..=80.0).contains(db))?,
+            exposure_us: self.within("exposure_us", table.exposure_us, &EXPOSURE_US)?,
+            gain_db: table.gain_db.map_or(Ok(0.0), |gain| self.within("gain_db", gain, &GAIN_DB))?,
         };
         let name = self.value("name", table.name, NAME, |text| is_name(text) && text.len() <= 64)?;
         let source = self.source(table.source)?;
@@ -339,11 +276,6 @@ impl Reader<'_> {
         let file =
             template.replace("{uav}", uav).replace("{camera}", name).replace("{serial}", source.serial());
         MaskChoice::File(self.resolve(file.as_ref()))
-    }
-
-    /// A relative path starts at the configuration's folder.
-    pub(super) fn resolve(&self, path: &Path) -> PathBuf {
-        self.0.file.parent().map_or_else(|| path.to_path_buf(), |folder| folder.join(path))
     }
 }
 

@@ -1,12 +1,12 @@
 //! `[camera.generate]`
 
-use std::ops::RangeInclusive;
-
 use serde::Deserialize;
 use toml::Spanned;
-use uvcam_masker::generate::{CameraPlace, IgnoredRegion, LEAF_SIZES, Parameters};
+use uvcam_masker::generate::{CameraPlace, IgnoredRegion, ParameterError, Parameters};
+use uvcam_shm_ipc::control::{EXPOSURE_US, GAIN_DB};
 
-use super::document::{EXPOSURE, GAIN, Reader};
+use super::error::shortened;
+use super::reader::Reader;
 use super::{ConfigError, Generate};
 use crate::camera::Settings;
 
@@ -33,43 +33,7 @@ impl Reader<'_> {
         settings: &Settings,
     ) -> Result<Generate, ConfigError> {
         let default = Generate::default();
-        let published = Parameters::default();
-        let sigma =
-            self.value_or("sigma", table.sigma, published.sigma.into(), "0 to 255", |sigma| *sigma <= 255)?;
-        let parameters = Parameters {
-            sigma: u8::try_from(sigma).unwrap_or(u8::MAX),
-            eta: self.value_or(
-                "eta",
-                table.eta,
-                published.eta,
-                &range(&Parameters::ETA, "pixels"),
-                |eta| Parameters::ETA.contains(eta),
-            )?,
-            leaf: self.value_or(
-                "leaf",
-                table.leaf,
-                published.leaf,
-                &format!("one of {LEAF_SIZES:?}"),
-                |leaf| LEAF_SIZES.contains(leaf),
-            )?,
-            k: self.value_or("k", table.k, published.k, &range(&Parameters::K, "points"), |k| {
-                Parameters::K.contains(k)
-            })?,
-            tau: self.value_or(
-                "tau",
-                table.tau,
-                published.tau,
-                &format!("a distance in pixels above 0, at most {}", Parameters::LARGEST_TAU),
-                |tau| *tau > 0.0 && *tau <= Parameters::LARGEST_TAU,
-            )?,
-            kappa: self.value_or(
-                "kappa",
-                table.kappa,
-                published.kappa,
-                &range(&Parameters::KAPPA, "pixels"),
-                |kappa| Parameters::KAPPA.contains(kappa),
-            )?,
-        };
+        let parameters = self.parameters(&table)?;
         let mut ignored = match table.camera_place {
             None => IgnoredRegion::default(),
             Some(place) => {
@@ -113,23 +77,94 @@ impl Reader<'_> {
             });
             ignored.polygons.push(points.collect::<Result<_, _>>()?);
         }
+        let exposure_us = table.exposure_us.map(|time| self.within("exposure_us", time, &EXPOSURE_US));
+        let gain_db = table.gain_db.map(|gain| self.within("gain_db", gain, &GAIN_DB));
         Ok(Generate {
-            exposure_us: self.value_or(
-                "exposure_us",
-                table.exposure_us,
-                default.exposure_us,
-                EXPOSURE,
-                |us| (1.0..=1e7).contains(us),
-            )?,
-            gain_db: self.value_or("gain_db", table.gain_db, default.gain_db, GAIN, |db| {
-                (-40.0..=80.0).contains(db)
-            })?,
+            exposure_us: exposure_us.unwrap_or(Ok(default.exposure_us))?,
+            gain_db: gain_db.unwrap_or(Ok(default.gain_db))?,
             ignored,
             parameters,
         })
     }
+
+    /// The parameters of the methods, which know their own bounds.
+    fn parameters(&self, table: &GenerateTable) -> Result<Parameters, ConfigError> {
+        let places = [
+            ("sigma", table.sigma.as_ref().map(Spanned::span)),
+            ("eta", table.eta.as_ref().map(Spanned::span)),
+            ("leaf", table.leaf.as_ref().map(Spanned::span)),
+            ("k", table.k.as_ref().map(Spanned::span)),
+            ("tau", table.tau.as_ref().map(Spanned::span)),
+            ("kappa", table.kappa.as_ref().map(Spanned::span)),
+        ];
+        let refused = |error: ParameterError| {
+            let place = places.iter().find(|(name, _)| *name == error.name());
+            let span = place.and_then(|(_, place)| place.clone()).unwrap_or_default();
+            self.0.refuse(span, error.name(), shortened(&error.found()), &error.allowed())
+        };
+        let published = Parameters::default();
+        let or = |value: &Option<Spanned<u32>>, published| {
+            value.as_ref().map_or(published, |value| *value.get_ref())
+        };
+        let parameters = Parameters {
+            sigma: Parameters::sigma_from(or(&table.sigma, published.sigma.into())).map_err(refused)?,
+            eta: or(&table.eta, published.eta),
+            leaf: or(&table.leaf, published.leaf),
+            k: or(&table.k, published.k),
+            tau: table.tau.as_ref().map_or(published.tau, |tau| *tau.get_ref()),
+            kappa: or(&table.kappa, published.kappa),
+        };
+        parameters.check().map_err(refused)?;
+        Ok(parameters)
+    }
 }
 
-fn range(range: &RangeInclusive<u32>, unit: &str) -> String {
-    format!("{} to {} {unit}", range.start(), range.end())
+#[cfg(test)]
+mod tests {
+    use std::ops::RangeInclusive;
+
+    use uvcam_masker::generate::LEAF_SIZES;
+
+    use super::*;
+    use crate::config::{Config, DEFAULT};
+
+    fn refusal(key: &str, value: &str) -> String {
+        let text = format!(
+            "[[camera]]\nname = \"left\"\nsource = {{ kind = \"simulated\", serial = \"A\" }}\nwidth = 752\nheight = 480\n\
+             fps = 60\nexposure_us = 1000\n[camera.generate]\n{key} = {value}\n"
+        );
+        Config::parse(&text, "uvcam.toml".as_ref()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn each_key_out_of_its_bounds_is_refused_with_line_value_and_bounds() {
+        for (key, value, expected) in [
+            ("exposure_us", "0", "found 0; allowed: 1 to 10000000 microseconds"),
+            ("gain_db", "81", "found 81; allowed: -40 to 80 decibels"),
+            ("sigma", "256", "found 256; allowed: 0 to 255"),
+            ("eta", "1001", "found 1001; allowed: 0 to 1000 pixels"),
+            ("leaf", "7", "found 7; allowed: one of [5, 10, 20, 40]"),
+            ("k", "0", "found 0; allowed: 1 to 100 points, the candidate itself included"),
+            ("tau", "0.0", "found 0; allowed: a distance in pixels above 0, at most 1000"),
+            ("kappa", "301", "found 301; allowed: 0 to 300 pixels"),
+        ] {
+            assert_eq!(refusal(key, value), format!("uvcam.toml:9: {key}: {expected}"));
+        }
+    }
+
+    #[test]
+    fn the_manual_tells_the_bounds() {
+        let range = |range: RangeInclusive<u32>| format!("{} to {}", range.start(), range.end());
+        let [.., largest] = LEAF_SIZES;
+        for said in [
+            format!("sigma is a candidate, {}", range(Parameters::SIGMA)),
+            format!("than eta, {}", range(Parameters::ETA)),
+            format!("5, 10, 20 or {largest}"),
+            format!("k from {}", range(Parameters::K)),
+            format!("tau up to {}", Parameters::LARGEST_TAU),
+            format!("contours, {} pixels", range(Parameters::KAPPA)),
+        ] {
+            assert!(DEFAULT.contains(&said), "{said}");
+        }
+    }
 }

@@ -1,65 +1,47 @@
 //! The keys of each table, and which one was meant.
 
+use serde::de::value::Error;
+use serde::de::{Deserialize, Deserializer, Error as _, Visitor};
+
 /// Where no heading has come yet.
 pub(super) const TOP: &str = "the top of the file";
 
-/// A heading, or `source`, and its keys as the structures of `document`, `source`, `generate` and `realtime` have them.
-pub(super) const TABLES: [(&str, &[&str]); 6] = [
-    (TOP, &["ipc", "camera", "uav", "process_per_camera"]),
-    ("[ipc]", &["prefix", "root_path", "max_subscribers", "buffer", "borrowed", "slots"]),
-    (
-        "[[camera]]",
-        &[
-            "name",
-            "source",
-            "width",
-            "height",
-            "offset_x",
-            "offset_y",
-            "binning_horizontal",
-            "binning_vertical",
-            "pixel_format",
-            "fps",
-            "exposure_us",
-            "gain_db",
-            "mask",
-            "mask_mode",
-            "generate",
-            "realtime",
-        ],
-    ),
-    (
-        "source",
-        &[
-            "kind",
-            "serial",
-            "path",
-            "still",
-            "readout_us",
-            "faults",
-            "memory",
-            "gain_step_db",
-            "fixed_exposure_us",
-        ],
-    ),
-    (
-        "[camera.generate]",
-        &[
-            "exposure_us",
-            "gain_db",
-            "camera_place",
-            "ignore",
-            "ignore_polygons",
-            "sigma",
-            "eta",
-            "leaf",
-            "k",
-            "tau",
-            "kappa",
-        ],
-    ),
-    ("[camera.realtime]", &["priority", "cpus"]),
-];
+/// A heading, or `source`, and the keys that are read there.
+pub(super) type Table = (&'static str, &'static [&'static str]);
+
+/// The keys that are read into `T`.
+pub(super) fn keys_of<'de, T: Deserialize<'de>>() -> &'static [&'static str] {
+    let mut keys = Keys(&[]);
+    // There is nothing to be read.
+    let _ = T::deserialize(&mut keys);
+    keys.0
+}
+
+/// Keeps what a structure asks for.
+struct Keys(&'static [&'static str]);
+
+impl<'de> Deserializer<'de> for &mut Keys {
+    type Error = Error;
+
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        name: &'static str,
+        keys: &'static [&'static str],
+        _: V,
+    ) -> Result<V::Value, Error> {
+        self.0 = keys;
+        Err(Error::custom(name))
+    }
+
+    fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Error> {
+        Err(Error::custom("no structure"))
+    }
+
+    serde::forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf option unit unit_struct newtype_struct
+        seq tuple tuple_struct map enum identifier ignored_any
+    }
+}
 
 /// Words that other programs use, and ours.
 const ALSO_CALLED: [(&str, &str); 20] = [
@@ -103,12 +85,12 @@ pub(super) fn suggestion(word: &str, known: &[&str]) -> String {
 }
 
 /// The table that has the key, besides the one whose keys are `known`.
-pub(super) fn home_of(key: &str, known: &[&str]) -> Option<&'static str> {
-    let has_it = |(_, keys): &&(&str, &[&str])| *keys != known && keys.contains(&key);
-    TABLES.iter().find(has_it).map(|(table, _)| *table)
+pub(super) fn home_of(tables: &[Table], key: &str, known: &[&str]) -> Option<&'static str> {
+    let has_it = |(_, keys): &&Table| *keys != known && keys.contains(&key);
+    tables.iter().find(has_it).map(|(table, _)| *table)
 }
 
 /// The table whose keys are `known`.
-pub(super) fn table_of(known: &[&str]) -> Option<&'static str> {
-    TABLES.iter().find(|(_, keys)| *keys == known).map(|(table, _)| *table)
+pub(super) fn table_of(tables: &[Table], known: &[&str]) -> Option<&'static str> {
+    tables.iter().find(|(_, keys)| *keys == known).map(|(table, _)| *table)
 }

@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 
-use toml::de::{DeTable, DeValue};
+use serde_path_to_error::{Path, Segment};
 
 use super::ConfigError;
 use super::error::{Text, printable, shortened};
-use super::keys::{TOP, home_of, suggestion, table_of};
+use super::keys::{TOP, Table, home_of, suggestion, table_of};
 use super::statement::{Statement, boolean, number};
 
 /// Whether what stands for a key begins as one.
@@ -34,20 +34,20 @@ impl Text<'_> {
         ConfigError::Syntax { place: self.place(span.start), cause }
     }
 
-    /// What is wrong with a document that has other keys, or values of other types, than a configuration.
-    pub(super) fn not_ours(&self, error: &toml::de::Error, document: &DeTable<'_>) -> ConfigError {
+    /// What is wrong with a document that has other keys, or values of other types, than the `tables` of a configuration.
+    pub(super) fn not_ours(&self, error: &toml::de::Error, path: &Path, tables: &[Table]) -> ConfigError {
         let span = error.span().unwrap_or_default();
         let message = error.message();
         let mut quoted = message.split('`').skip(1).step_by(2);
         if message.starts_with("unknown field") {
             let key = quoted.next().unwrap_or_default();
-            return self.unknown(span, key, &quoted.collect::<Vec<_>>());
+            return self.unknown(span, key, &quoted.collect::<Vec<_>>(), tables);
         }
         if message.starts_with("missing field") {
             let key = quoted.next().unwrap_or_default();
             return self.refuse(span, key, "nothing".into(), "this key must be written");
         }
-        let key = key_at(document, &span).unwrap_or("value");
+        let key = &last_key(path).unwrap_or_else(|| "value".into());
         let expected = message
             .strip_prefix("invalid type: ")
             .or_else(|| message.strip_prefix("invalid value: "))
@@ -71,8 +71,8 @@ impl Text<'_> {
         }
     }
 
-    fn unknown(&self, span: Range<usize>, key: &str, known: &[&str]) -> ConfigError {
-        match (table_of(known), home_of(key, known)) {
+    fn unknown(&self, span: Range<usize>, key: &str, known: &[&str], tables: &[Table]) -> ConfigError {
+        match (table_of(tables, known), home_of(tables, key, known)) {
             (Some(here), Some(home)) => {
                 let write = match (here, home) {
                     (TOP, "[[camera]]") if ["generate", "realtime", "source"].contains(&key) => {
@@ -130,28 +130,13 @@ fn is_plain(written: &str) -> bool {
     !written.is_empty() && written.chars().all(|c| c.is_ascii_alphanumeric() || "+-._:".contains(c))
 }
 
-/// The key with the smallest value that holds the place.
-fn key_at<'a>(table: &'a DeTable<'_>, place: &Range<usize>) -> Option<&'a str> {
-    let mut best: Option<(&str, usize)> = None;
-    let mut tables = vec![table];
-    while let Some(table) = tables.pop() {
-        for (key, value) in table {
-            let span = value.span();
-            let is_smaller = best.is_none_or(|(_, length)| span.len() <= length);
-            if span.start <= place.start && place.end <= span.end && is_smaller {
-                best = Some((key.get_ref(), span.len()));
-            }
-            let mut values = vec![value.get_ref()];
-            while let Some(value) = values.pop() {
-                match value {
-                    DeValue::Table(inner) => tables.push(inner),
-                    DeValue::Array(array) => values.extend(array.iter().map(|value| value.get_ref())),
-                    _ => {}
-                }
-            }
-        }
-    }
-    best.map(|(key, _)| key)
+/// The last key of the path. Those that begin like this are the parser's own, for places.
+fn last_key(path: &Path) -> Option<String> {
+    let mut keys = path.iter().filter_map(|segment| match segment {
+        Segment::Map { key } if !key.starts_with("$__") => Some(key.clone()),
+        _ => None,
+    });
+    keys.next_back()
 }
 
 fn in_plain_words(expected: &str, found: &str) -> String {

@@ -4,7 +4,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::ConfigError;
-use super::document::Reader;
+use super::reader::Reader;
 use crate::realtime::{LARGEST_CPU, Realtime};
 
 #[derive(Deserialize, Default)]

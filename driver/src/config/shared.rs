@@ -1,19 +1,28 @@
 //! What two cameras must not have in common: a name, a device, or files of a mask.
 
+use std::ops::Range;
 use std::os::unix::fs::MetadataExt;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
-use super::document::Places;
 use super::error::Text;
-use super::{CameraConfig, ConfigError, MaskChoice, Source, V4l2, V4l2Device};
-use crate::mask_store::MaskStore;
+use super::links::resolved;
+use super::source::Device;
+use super::{CameraConfig, ConfigError, MaskChoice};
+use crate::mask_files::MaskFiles;
+
+/// Where the keys are that no two cameras may have in common.
+pub(super) struct Places {
+    pub(super) name: Range<usize>,
+    pub(super) source: Range<usize>,
+    pub(super) mask: Range<usize>,
+}
 
 /// What the cameras read so far have taken, each with the camera's name.
 #[derive(Default)]
 pub(super) struct Shared {
     names: Vec<String>,
     devices: Vec<(String, Device)>,
-    masks: Vec<(String, MaskFiles)>,
+    masks: Vec<(String, Claim)>,
 }
 
 impl Shared {
@@ -39,7 +48,7 @@ impl Shared {
             self.devices.push((name.clone(), device));
         }
         if let MaskChoice::File(path) = &camera.mask {
-            let files = MaskFiles::of(path);
+            let files = Claim::of(path);
             if let Some((other, theirs)) = self.masks.iter().find(|(_, other)| other.meets(&files)) {
                 let found = match theirs.in_force == files.in_force || theirs.inode_is_that_of(&files) {
                     true => format!("{} for \"{name}\", which is the mask of \"{other}\"", path.display()),
@@ -57,57 +66,8 @@ impl Shared {
     }
 }
 
-/// A device that one camera alone can have.
-struct Device {
-    /// The key that names it, and its value.
-    key: &'static str,
-    written: String,
-    identity: Identity,
-}
-
-#[derive(PartialEq)]
-enum Identity {
-    /// Serial, device id or address of a USB3 Vision or GigE Vision camera.
-    Vision(String),
-    /// Serial of a camera of the kernel.
-    Kernel(String),
-    /// Node of a camera of the kernel, links followed.
-    Node(PathBuf),
-}
-
-impl Device {
-    fn of(source: &Source) -> Option<Self> {
-        let (key, written, identity) = match source {
-            Source::Aravis { serial } => ("serial", serial.clone(), Identity::Vision(serial.clone())),
-            Source::V4l2(V4l2 { device: V4l2Device::Serial(serial), .. }) => {
-                ("serial", serial.clone(), Identity::Kernel(serial.clone()))
-            }
-            Source::V4l2(V4l2 { device: V4l2Device::Path(path), .. }) => {
-                ("path", path.display().to_string(), Identity::Node(resolved(path)))
-            }
-            Source::Replay { .. } | Source::Simulated(_) => return None,
-        };
-        Some(Device { key, written, identity })
-    }
-
-    fn is(&self, other: &Device) -> bool {
-        match (&self.identity, &other.identity) {
-            (Identity::Vision(one), Identity::Vision(other)) => {
-                one == other || is_device_id_of(one, other) || is_device_id_of(other, one)
-            }
-            (one, other) => one == other,
-        }
-    }
-}
-
-/// Whether `id` is `Vendor-Model-Serial` of this serial.
-fn is_device_id_of(id: &str, serial: &str) -> bool {
-    let model = id.strip_suffix(serial).and_then(|rest| rest.strip_suffix('-'));
-    model.is_some_and(|model| model.contains('-'))
-}
-
-/// The places that are written to for one mask.
-struct MaskFiles {
+/// What a camera claims for its mask: all places that are written to.
+struct Claim {
     in_force: PathBuf,
     /// Device and inode of the mask in force, where it is there.
     inode: Option<(u64, u64)>,
@@ -116,23 +76,22 @@ struct MaskFiles {
     histories: Vec<PathBuf>,
 }
 
-impl MaskFiles {
+impl Claim {
     fn of(path: &Path) -> Self {
         let in_force = resolved(path);
         let inode = std::fs::metadata(path).ok().map(|file| (file.dev(), file.ino()));
-        let mut files =
-            MaskFiles { in_force: in_force.clone(), inode, names: Vec::new(), histories: Vec::new() };
+        let mut files = Claim { in_force: in_force.clone(), inode, names: Vec::new(), histories: Vec::new() };
         let link = path.parent().zip(path.file_name()).map(|(folder, name)| resolved(folder).join(name));
         for name in [Some(in_force), link].into_iter().flatten() {
-            let store = MaskStore::new(&name);
-            files.names.extend(store.pictures());
-            files.names.extend([store.candidate(), name]);
-            files.histories.push(store.history_folder());
+            let around = MaskFiles::around(&name);
+            files.names.extend(around.pictures());
+            files.names.extend([around.candidate(), name]);
+            files.histories.push(around.history_folder());
         }
         files
     }
 
-    fn meets(&self, other: &MaskFiles) -> bool {
+    fn meets(&self, other: &Claim) -> bool {
         self.inode_is_that_of(other)
             || self.names.iter().any(|name| other.names.contains(name))
             || self.histories.iter().any(|history| other.histories.contains(history))
@@ -140,30 +99,11 @@ impl MaskFiles {
             || other.lies_in_history_of(self)
     }
 
-    fn lies_in_history_of(&self, other: &MaskFiles) -> bool {
+    fn lies_in_history_of(&self, other: &Claim) -> bool {
         other.histories.iter().any(|history| self.names.iter().any(|name| name.starts_with(history)))
     }
 
-    fn inode_is_that_of(&self, other: &MaskFiles) -> bool {
+    fn inode_is_that_of(&self, other: &Claim) -> bool {
         self.inode.is_some() && self.inode == other.inode
-    }
-}
-
-/// The path from `/` on, with links followed as far as it exists, and without detours.
-fn resolved(path: &Path) -> PathBuf {
-    without_links(&std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf()))
-}
-
-fn without_links(path: &Path) -> PathBuf {
-    if let Ok(path) = path.canonicalize() {
-        return path;
-    }
-    match (path.components().next_back(), path.parent()) {
-        (Some(Component::Normal(name)), Some(folder)) => without_links(folder).join(name),
-        (Some(Component::ParentDir), Some(folder)) => {
-            let folder = without_links(folder);
-            folder.parent().map_or(folder.clone(), Path::to_path_buf)
-        }
-        _ => path.to_path_buf(),
     }
 }

@@ -1,16 +1,19 @@
 //! `source`, whose keys depend on its kind.
 
 use std::ops::Range;
+use std::path::PathBuf;
 
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::DeTable;
+use uvcam_shm_ipc::control::EXPOSURE_US;
 
-use super::document::{EXPOSURE, Reader};
 use super::faults::FaultTable;
 use super::keys::{nearest, suggestion};
+use super::links::resolved;
+use super::reader::{Reader, either};
 use super::{ConfigError, Simulated, Source, V4l2, V4l2Device, V4l2Memory};
-use crate::camera::source::is_built_in;
+use crate::camera::kinds::is_built_in;
 
 /// The kinds of `source`, and their keys beside `kind`.
 const KINDS: [(&str, &[&str]); 4] = [
@@ -171,9 +174,8 @@ impl Reader<'_> {
         let gain_step_db = table.gain_step_db.map(|step| {
             self.value("gain_step_db", step, "0.001 to 20 decibels", |db| (0.001..=20.0).contains(db))
         });
-        let fixed_exposure_us = table
-            .fixed_exposure_us
-            .map(|time| self.value("fixed_exposure_us", time, EXPOSURE, |us| (1.0..=1e7).contains(us)));
+        let fixed_exposure_us =
+            table.fixed_exposure_us.map(|time| self.within("fixed_exposure_us", time, &EXPOSURE_US));
         Ok(V4l2 {
             device,
             memory,
@@ -194,14 +196,60 @@ impl Reader<'_> {
     }
 }
 
+/// A device that one camera alone can have.
+pub(super) struct Device {
+    /// The key that names it, and its value.
+    pub(super) key: &'static str,
+    pub(super) written: String,
+    named_by: NamedBy,
+}
+
+#[derive(PartialEq)]
+enum NamedBy {
+    /// Serial, device id or address of a USB3 Vision or GigE Vision camera.
+    Vision(String),
+    /// Serial of a camera of the kernel.
+    Kernel(String),
+    /// Node of a camera of the kernel, links followed.
+    Node(PathBuf),
+}
+
+impl Device {
+    pub(super) fn of(source: &Source) -> Option<Self> {
+        let (key, written, named_by) = match source {
+            Source::Aravis { serial } => ("serial", serial.clone(), NamedBy::Vision(serial.clone())),
+            Source::V4l2(V4l2 { device: V4l2Device::Serial(serial), .. }) => {
+                ("serial", serial.clone(), NamedBy::Kernel(serial.clone()))
+            }
+            Source::V4l2(V4l2 { device: V4l2Device::Path(path), .. }) => {
+                ("path", path.display().to_string(), NamedBy::Node(resolved(path)))
+            }
+            Source::Replay { .. } | Source::Simulated(_) => return None,
+        };
+        Some(Device { key, written, named_by })
+    }
+
+    pub(super) fn is(&self, other: &Device) -> bool {
+        match (&self.named_by, &other.named_by) {
+            (NamedBy::Vision(one), NamedBy::Vision(other)) => {
+                one == other || is_device_id_of(one, other) || is_device_id_of(other, one)
+            }
+            (one, other) => one == other,
+        }
+    }
+}
+
+/// Whether `id` is `Vendor-Model-Serial` of this serial.
+fn is_device_id_of(id: &str, serial: &str) -> bool {
+    let model = id.strip_suffix(serial).and_then(|rest| rest.strip_suffix('-'));
+    model.is_some_and(|model| model.contains('-'))
+}
+
 /// The kinds that this program has, for a message.
 fn kinds() -> String {
     let built_in = KINDS.iter().filter(|(kind, _)| is_built_in(kind));
     let names: Vec<String> = built_in.map(|(kind, _)| format!("\"{kind}\"")).collect();
-    match names.split_last() {
-        Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
-        _ => names.concat(),
-    }
+    either(&names)
 }
 
 #[cfg(test)]
@@ -211,7 +259,7 @@ mod tests {
     use super::super::Config;
     use super::super::error::Text;
     use super::*;
-    use crate::camera::source;
+    use crate::camera::kinds;
 
     const FILE: &str = "/etc/uvcam/uvcam.toml";
 
@@ -237,7 +285,7 @@ mod tests {
 
     #[test]
     fn exactly_the_kinds_that_are_built_in_are_taken() {
-        for (kind, is_built_in) in source::KINDS {
+        for (kind, is_built_in) in kinds::KINDS {
             let outcome = Config::parse(&text(kind), Path::new(FILE));
             assert_eq!(outcome.is_ok(), is_built_in, "{kind}: {outcome:?}");
             assert_eq!(kinds().contains(kind), is_built_in, "{kind}");

@@ -30,11 +30,20 @@ fn refusal(line: &str, instead: &str) -> String {
     parse(&CAMERA.replace(line, instead)).unwrap_err().to_string()
 }
 
+/// The message for the camera with one line changed must hold what is expected: line, its replacement, and a part of the message.
+fn check(cases: &[(&str, &str, &str)]) {
+    for (line, instead, expected) in cases {
+        let message = refusal(line, instead);
+        assert!(message.contains(expected), "{instead}\n  gives    {message}\n  expected {expected}");
+    }
+}
+
 #[test]
 fn the_default_is_valid_and_says_what_the_code_does_without_it() {
     let config = Config::load(None).unwrap();
     let bare = parse(CAMERA).unwrap();
     assert_eq!((config.ipc, config.process_per_camera), (bare.ipc, bare.process_per_camera));
+    assert_eq!(config.process_memory_bytes, bare.process_memory_bytes);
     assert_eq!(config.cameras.len(), 1);
     let (shown, plain) = (&config.cameras[0].settings, &bare.cameras[0].settings);
     assert_eq!(config.cameras[0].realtime, bare.cameras[0].realtime);
@@ -68,7 +77,7 @@ fn only_the_word_none_flies_unmasked() {
 
 #[test]
 fn a_refusal_names_file_line_key_value_and_what_is_allowed() {
-    for (line, instead, expected) in [
+    check(&[
         ("fps = 59.9", "fps = -3", "uvcam.toml:7: fps: found -3; allowed: 0.1 to 10000 frames a second"),
         ("fps = 59.9", "fps = nan", "uvcam.toml:7: fps: found NaN"),
         ("fps = 59.9", "fps = \"fast\"", "uvcam.toml:7: fps: found string \"fast\"; allowed: a number"),
@@ -124,10 +133,7 @@ fn a_refusal_names_file_line_key_value_and_what_is_allowed() {
             "realtime = { cpus = [1, 4096] }\nmask =",
             "cpus: found 4096; allowed: cores from 0 to 1023",
         ),
-    ] {
-        let message = refusal(line, instead);
-        assert!(message.contains(expected), "{instead}\n  gives    {message}\n  expected {expected}");
-    }
+    ]);
 }
 
 #[test]
@@ -203,7 +209,7 @@ fn a_camera_of_the_kernel_is_named_by_path_or_serial() {
 #[test]
 fn a_file_that_cannot_be_read_is_named() {
     let error = Config::load(Some(Path::new("/nowhere/uvcam.toml"))).unwrap_err();
-    let message = crate::error::with_causes(&error);
+    let message = crate::causes::with_causes(&error);
     assert!(
         message.starts_with("/nowhere/uvcam.toml: cannot be read;") && message.contains("No such file"),
         "{message}"
@@ -253,12 +259,15 @@ proptest! {
 }
 
 #[test]
-fn each_camera_has_a_process_unless_the_file_says_otherwise() {
+fn each_camera_has_a_process_with_bounded_memory_unless_the_file_says_otherwise() {
     let read = |top: &str| parse(&format!("{top}{CAMERA}"));
     assert!(read("").unwrap().process_per_camera);
     assert!(!read("process_per_camera = false\n").unwrap().process_per_camera);
     let refused = read("process_per_camera = 0\n").unwrap_err().to_string();
     assert!(refused.contains("process_per_camera"), "{refused}");
+    assert_eq!(read("process_memory_mb = 128\n").unwrap().process_memory_bytes, 128 << 20);
+    let refused = read("process_memory_mb = 127\n").unwrap_err().to_string();
+    assert!(refused.contains("process_memory_mb") && refused.contains("128 to 1048576 MB"), "{refused}");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::path::Path;
 use super::machine::Machine;
 use super::process::Process;
 use super::usb::UsbCamera;
-use super::{Check, Finding, Severity};
+use super::{Finding, Severity};
 use crate::camera::told;
 
 /// Where udev looks for rules (udev(7)).
@@ -46,8 +46,19 @@ pub(super) fn usb_nodes(machine: &Machine, connected: &[UsbCamera]) -> Vec<Node>
     connected.iter().map(node).collect()
 }
 
+/// Who may open the cameras' device nodes, and who holds them.
+pub(super) fn examine(
+    machine: &Machine,
+    process: &Process,
+    cameras: &[UsbCamera],
+    camera_nodes: &[Node],
+) -> Vec<Finding> {
+    [nodes(machine, process, camera_nodes), rule(machine, cameras), holders(machine, process, camera_nodes)]
+        .concat()
+}
+
 /// Whether the driver may open each node, and not everyone may.
-pub(super) fn nodes(machine: &Machine, process: &Process, nodes: &[Node]) -> Vec<Finding> {
+fn nodes(machine: &Machine, process: &Process, nodes: &[Node]) -> Vec<Finding> {
     let finding = |Node { camera, path: node, subsystem, has_rule }: &Node| {
         let path = machine.path(node);
         let metadata = match fs::metadata(&path) {
@@ -55,7 +66,7 @@ pub(super) fn nodes(machine: &Machine, process: &Process, nodes: &[Node]) -> Vec
             Err(error) if error.kind() == ErrorKind::NotFound => {
                 return Some(Finding::new(
                     Severity::Fault,
-                    Check::DeviceAccess,
+                    "device_access",
                     format!("{camera}: the kernel lists it, and its node {node} is not there"),
                     "give the container all nodes: -v /dev/bus/usb:/dev/bus/usb; outside of one, plug the camera in anew",
                 ));
@@ -67,7 +78,7 @@ pub(super) fn nodes(machine: &Machine, process: &Process, nodes: &[Node]) -> Vec
         if mode & 0o002 != 0 {
             return Some(Finding::new(
                 Severity::Warning,
-                Check::DeviceAccess,
+                "device_access",
                 format!("{camera}: everyone may write to {node} (mode {mode:o})"),
                 format!("grep -rn 0666 {}; remove that rule, then {}", RULES.join(" "), reload(subsystem)),
             ));
@@ -85,7 +96,7 @@ pub(super) fn nodes(machine: &Machine, process: &Process, nodes: &[Node]) -> Vec
         };
         Some(Finding::new(
             Severity::Fault,
-            Check::DeviceAccess,
+            "device_access",
             format!(
                 "{camera}: {} may not open {node} (mode {mode:o}, group {group})",
                 process.describe(machine)
@@ -126,12 +137,12 @@ fn is_listed(uid: u32, path: &Path) -> bool {
 }
 
 /// Whether an installed rule names each camera: by its vendor, or as any USB3 Vision device.
-pub(super) fn rule(machine: &Machine, connected: &[UsbCamera]) -> Vec<Finding> {
+fn rule(machine: &Machine, connected: &[UsbCamera]) -> Vec<Finding> {
     let lacking = connected.iter().filter(|camera| !has_rule(machine, camera));
     let finding = |camera: &UsbCamera| {
         Finding::new(
             Severity::Warning,
-            Check::UdevRule,
+            "udev_rule",
             format!(
                 "{}: no udev rule names its vendor {}, so only root may open it once it is plugged in again",
                 camera.describe(),
@@ -167,15 +178,13 @@ fn reload(subsystem: &str) -> String {
 }
 
 /// Whether another program than the driver holds a node open.
-pub(super) fn holders(machine: &Machine, nodes: &[Node]) -> Vec<Finding> {
+fn holders(machine: &Machine, driver: &Process, nodes: &[Node]) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut hidden = 0;
-    let processes = machine.names("/proc").into_iter().filter(|name| name.parse::<u32>().is_ok());
-    for process in processes.filter(|_| !nodes.is_empty()) {
+    let processes = machine.names("/proc").into_iter().filter_map(|name| name.parse::<u32>().ok());
+    let others = processes.filter(|process| !driver.is_of_the_driver(machine, *process));
+    for process in others.filter(|_| !nodes.is_empty()) {
         let program = told(&machine.text(&format!("/proc/{process}/comm")).unwrap_or_default());
-        if program == "uvcam" {
-            continue;
-        }
         let folder = machine.path(&format!("/proc/{process}/fd"));
         let files = match fs::read_dir(&folder) {
             Ok(files) => files,
@@ -190,7 +199,7 @@ pub(super) fn holders(machine: &Machine, nodes: &[Node]) -> Vec<Finding> {
             Finding::new(
                 // Several may open a video node, but one alone may take its frames.
                 if *subsystem == "usb" { Severity::Fault } else { Severity::Warning },
-                Check::DeviceHolder,
+                "device_holder",
                 format!("{camera}: {program} (process {process}) holds it open"),
                 format!("sudo kill {process}"),
             )
@@ -199,7 +208,7 @@ pub(super) fn holders(machine: &Machine, nodes: &[Node]) -> Vec<Finding> {
     if hidden > 0 {
         findings.push(Finding::new(
             Severity::Unknown,
-            Check::DeviceHolder,
+            "device_holder",
             format!("the open files of {hidden} processes of other users were not examined"),
             "sudo uvcam doctor",
         ));

@@ -7,13 +7,18 @@ use uvcam_masker::check::{self, Problem};
 use uvcam_masker::file::{self, FileError};
 
 use super::usb::UsbCamera;
-use super::{Check, Finding, Severity};
+use super::{Finding, Severity};
 use crate::camera::CameraError;
+use crate::causes::with_causes;
 use crate::config::{CameraConfig, Config, MaskChoice, MaskMode, Simulated, Source};
-use crate::error::with_causes;
+
+/// Whether the masks can fly, and the exposures fit.
+pub(super) fn examine(config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
+    [masks(config), exposures(config, connected)].concat()
+}
 
 /// Whether every mask is there, has the image's size, and can fly.
-pub(super) fn masks(config: &Config) -> Vec<Finding> {
+fn masks(config: &Config) -> Vec<Finding> {
     let findings = config.cameras.iter().flat_map(|camera| match &camera.mask {
         MaskChoice::None => Vec::new(),
         MaskChoice::File(path) => mask(camera, path).into_iter().chain(not_blanked(camera)).collect(),
@@ -30,7 +35,7 @@ fn not_blanked(camera: &CameraConfig) -> Option<Finding> {
         );
         let remedy =
             "let every consumer apply the mask that comes beside the frames, or write mask_mode = \"blank\"";
-        Finding::new(Severity::Warning, Check::Mask, finding, remedy.to_owned())
+        Finding::new(Severity::Warning, "mask", finding, remedy.to_owned())
     })
 }
 
@@ -47,7 +52,7 @@ fn mask(camera: &CameraConfig, path: &Path) -> Vec<Finding> {
                 true => format!("{name}: there is no mask {}, so nothing is published", path.display()),
                 false => format!("{name}: {}", with_causes(&error)),
             };
-            return vec![Finding::new(Severity::Fault, Check::Mask, finding, generate)];
+            return vec![Finding::new(Severity::Fault, "mask", finding, generate)];
         }
     };
     let problems = check::check(&gray, Some(size)).problems;
@@ -62,14 +67,14 @@ fn mask(camera: &CameraConfig, path: &Path) -> Vec<Finding> {
             Problem::Islets { .. } => format!("uvcam mask repair {file} {file}"),
             _ => generate.clone(),
         };
-        Finding::new(severity, Check::Mask, format!("{name}: {file}: {problem}"), remedy)
+        Finding::new(severity, "mask", format!("{name}: {file}: {problem}"), remedy)
     });
     found.collect()
 }
 
 /// Whether exposure and readout fit the frame period. A camera whose readout is not known is taken to need none, so that only
 /// certain faults are found.
-pub(super) fn exposures(config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
+fn exposures(config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
     let findings = config.cameras.iter().filter_map(|camera| {
         let readout_us = match &camera.source {
             Source::Simulated(Simulated { readout_us, .. }) => *readout_us,
@@ -81,7 +86,7 @@ pub(super) fn exposures(config: &Config, connected: &[UsbCamera]) -> Vec<Finding
         match camera.settings.check_exposure_fits(readout_us) {
             Err(CameraError::Refused { asked, applied, remedy, .. }) => Some(Finding::new(
                 Severity::Fault,
-                Check::Exposure,
+                "exposure",
                 format!("{}: exposure_us = {asked} makes {applied}", camera.name),
                 remedy,
             )),

@@ -8,7 +8,7 @@ use rustix::process::geteuid;
 
 use super::machine::Machine;
 use super::process::Process;
-use super::{Check, Finding, Severity};
+use super::{Finding, Severity};
 use crate::config::Config;
 
 /// Where frames live.
@@ -17,10 +17,16 @@ const SHARED_MEMORY: &str = "/dev/shm";
 /// What helps in a container, whose `/dev/shm` is its own and has 64 MB where nobody says otherwise.
 const CONTAINER: &str = "in a container: --ipc=host, or --shm-size";
 
+/// Shared memory: its room, its owner, and whether it stays.
+pub(super) fn examine(machine: &Machine, process: &Process, config: &Config) -> Vec<Finding> {
+    [shared(machine, process, config), root_path(machine, process, config), removal(machine, process)]
+        .concat()
+}
+
 /// Whether `/dev/shm` can be written to and holds them. What a running driver has taken already counts as free.
-pub(super) fn shared(machine: &Machine, process: &Process, config: &Config) -> Vec<Finding> {
+fn shared(machine: &Machine, process: &Process, config: &Config) -> Vec<Finding> {
     let folder = machine.path(SHARED_MEMORY);
-    let fault = |finding, remedy| vec![Finding::new(Severity::Fault, Check::SharedMemory, finding, remedy)];
+    let fault = |finding, remedy| vec![Finding::new(Severity::Fault, "shared_memory", finding, remedy)];
     let ipc = &config.ipc;
     let needed = config.shared_memory_needed();
     let Ok(system) = statvfs(&folder) else {
@@ -79,7 +85,7 @@ fn mebibytes(bytes: u64) -> String {
 }
 
 /// Whether `root_path`, where it exists, belongs to the user of the driver: nobody else finds it, or can run there.
-pub(super) fn root_path(machine: &Machine, process: &Process, config: &Config) -> Vec<Finding> {
+fn root_path(machine: &Machine, process: &Process, config: &Config) -> Vec<Finding> {
     let root_path = config.ipc.settings.root_path.to_string_lossy();
     let Ok(found) = fs::metadata(machine.path(&root_path)) else { return Vec::new() };
     if found.uid() == process.uid {
@@ -90,7 +96,7 @@ pub(super) fn root_path(machine: &Machine, process: &Process, config: &Config) -
     let severity = if process.uid == 0 { Severity::Warning } else { Severity::Fault };
     vec![Finding::new(
         severity,
-        Check::RootPath,
+        "root_path",
         format!(
             "root_path {root_path} belongs to user {owner}: {} may run neither driver nor consumers there",
             process.describe(machine)
@@ -103,7 +109,7 @@ pub(super) fn root_path(machine: &Machine, process: &Process, config: &Config) -
 
 /// Whether logind removes shared memory under the driver when its user logs out (`RemoveIPC`, logind.conf(5)): not that of users of the
 /// system, whose numbers end with 999.
-pub(super) fn removal(machine: &Machine, process: &Process) -> Vec<Finding> {
+fn removal(machine: &Machine, process: &Process) -> Vec<Finding> {
     const LARGEST_SYSTEM_USER: u32 = 999;
     const NOBODY: u32 = 65534;
     let runs = machine.path("/run/systemd/users").exists();
@@ -113,7 +119,7 @@ pub(super) fn removal(machine: &Machine, process: &Process) -> Vec<Finding> {
     let user = machine.name_of("/etc/passwd", process.uid);
     vec![Finding::new(
         Severity::Warning,
-        Check::IpcRemoval,
+        "ipc_removal",
         format!(
             "when user {user} logs out, logind removes the shared memory of a running driver; it makes it anew, and frames are lost"
         ),
@@ -122,8 +128,8 @@ pub(super) fn removal(machine: &Machine, process: &Process) -> Vec<Finding> {
     )]
 }
 
-/// What the configuration of logind says; where it says nothing, it does. A file in a folder of pieces counts more than the file itself, a
-/// later name more than an earlier one.
+/// What the configuration of logind says; where it says nothing, logind removes it. A drop-in counts more than the file itself, a later
+/// name more than an earlier one.
 fn removes_ipc(machine: &Machine) -> bool {
     let mut files = vec!["/usr/lib/systemd/logind.conf".to_owned(), "/etc/systemd/logind.conf".to_owned()];
     let folders =

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv4Addr};
 
 use super::machine::Machine;
-use super::{Check, Finding, Severity};
+use super::{Finding, Severity};
 use crate::camera::SOCKET_FRAMES;
 use crate::config::{Config, Source};
 
-/// The kernel's bound of a socket buffer.
+/// The kernel's limit on the buffer of a socket.
 const RMEM_MAX: &str = "/proc/sys/net/core/rmem_max";
 /// The kernel's routes.
 const ROUTES: &str = "/proc/net/route";
@@ -17,9 +17,14 @@ const FIREWALL: &str = "/etc/nftables.conf";
 /// More of them, where the first file includes them.
 const MORE_FIREWALL: &str = "/etc/nftables.d";
 
+/// Networks of GigE Vision cameras.
+pub(super) fn examine(machine: &Machine, config: &Config) -> Vec<Finding> {
+    [socket_buffer(machine, config), firewall(machine, config)].concat()
+}
+
 /// Whether a socket holds enough frames of each camera that is configured by its IP address; of others it is not known whether
 /// they speak GigE Vision.
-pub(super) fn socket_buffer(machine: &Machine, config: &Config) -> Vec<Finding> {
+fn socket_buffer(machine: &Machine, config: &Config) -> Vec<Finding> {
     let by_address = config.cameras.iter().filter(
         |camera| matches!(&camera.source, Source::Aravis { serial } if serial.parse::<IpAddr>().is_ok()),
     );
@@ -31,7 +36,7 @@ pub(super) fn socket_buffer(machine: &Machine, config: &Config) -> Vec<Finding> 
     }
     vec![Finding::new(
         Severity::Warning,
-        Check::SocketBuffer,
+        "socket_buffer",
         format!(
             "sockets hold {allowed} bytes, {SOCKET_FRAMES} frames of a GigE Vision camera need {needed}: frames can be lost under load"
         ),
@@ -41,8 +46,8 @@ pub(super) fn socket_buffer(machine: &Machine, config: &Config) -> Vec<Finding> 
     )]
 }
 
-/// Whether a rule of the firewall names each camera that is configured by its IP address. Which rules are in force no file tells.
-pub(super) fn firewall(machine: &Machine, config: &Config) -> Vec<Finding> {
+/// Whether a rule of the firewall names each camera that is configured by its IP address. No file tells which rules are in force.
+fn firewall(machine: &Machine, config: &Config) -> Vec<Finding> {
     let more = machine.names(MORE_FIREWALL).into_iter().map(|name| format!("{MORE_FIREWALL}/{name}"));
     let files = std::iter::once(FIREWALL.to_owned()).chain(more);
     let rules: String = files.filter_map(|file| Some(machine.text(&file)? + "\n")).collect();
@@ -60,7 +65,7 @@ pub(super) fn firewall(machine: &Machine, config: &Config) -> Vec<Finding> {
         let addresses = addresses.join(", ");
         Finding::new(
             Severity::Unknown,
-            Check::Firewall,
+            "firewall",
             format!(
                 "whether a firewall lets only cameras ({addresses}) send UDP to this computer through {interface} was not examined: \
                  {FIREWALL} does not name them. The library trusts every packet: a forged one can end the driver, with all of its cameras"
@@ -75,7 +80,7 @@ pub(super) fn firewall(machine: &Machine, config: &Config) -> Vec<Finding> {
     unnamed.into_iter().map(finding).collect()
 }
 
-/// The interface through which this address is reached, by the most particular route.
+/// The interface through which this address is reached, by the most specific route.
 fn interface(machine: &Machine, address: Ipv4Addr) -> String {
     let text = machine.text(ROUTES).unwrap_or_default();
     let routes = text.lines().skip(1).filter_map(|line| {

@@ -1,7 +1,9 @@
 //! Who the driver is to the kernel, and what it may do.
 
+use std::path::{Path, PathBuf};
+
 use super::machine::Machine;
-use super::{Check, Finding, Severity};
+use super::{Finding, Severity};
 use crate::config::Config;
 
 /// capabilities(7): the numbers of those that matter.
@@ -9,10 +11,10 @@ const CAP_DAC_OVERRIDE: u32 = 1;
 const CAP_IPC_LOCK: u32 = 14;
 const CAP_SYS_NICE: u32 = 23;
 
-/// A process as `/proc` describes it: the running driver, else this program, which has the rights that a driver started in its
-/// place would have.
+/// A process as `/proc` describes it: the running driver of the configuration, else this program, which has the rights that a driver
+/// started in its place would have.
 pub(super) struct Process {
-    /// Its number; nothing for this program.
+    /// Its id; nothing for this program.
     id: Option<u32>,
     /// Effective user.
     pub(super) uid: u32,
@@ -31,10 +33,11 @@ enum Limit {
 }
 
 impl Process {
-    /// The running driver; where none runs, this program.
-    pub(super) fn of_the_driver(machine: &Machine) -> Self {
-        let drivers = machine.names("/proc").into_iter().filter_map(|name| name.parse().ok());
-        let driver = drivers.into_iter().find(|id| is_driver(machine, *id));
+    /// The driver that runs cameras of this configuration; where none does, this program.
+    pub(super) fn of_the_driver(machine: &Machine, config: &Config) -> Self {
+        let mut processes = machine.names("/proc").into_iter().filter_map(|name| name.parse().ok());
+        let driver =
+            processes.find(|id| configuration(machine, *id).is_some_and(|its| is_about(&its, config)));
         let folder = driver.map_or_else(|| "/proc/self".to_owned(), |id: u32| format!("/proc/{id}"));
         let status = machine.text(&format!("{folder}/status")).unwrap_or_default();
         let limits = machine.text(&format!("{folder}/limits")).unwrap_or_default();
@@ -58,6 +61,14 @@ impl Process {
         }
     }
 
+    /// Whether this is the driver, or the process of one of its cameras.
+    pub(super) fn is_of_the_driver(&self, machine: &Machine, id: u32) -> bool {
+        let status = || machine.text(&format!("/proc/{id}/status")).unwrap_or_default();
+        self.id.is_some_and(|driver| {
+            driver == id || field(&status(), "PPid:").is_some_and(|parent| parent == driver.to_string())
+        })
+    }
+
     /// What messages call it.
     pub(super) fn describe(&self, machine: &Machine) -> String {
         let user = machine.name_of("/etc/passwd", self.uid);
@@ -77,7 +88,7 @@ impl Process {
 
     /// Whether it may lock its memory, which it does only without a limit, and use the real-time priorities
     /// that the configuration names.
-    pub(super) fn limits(&self, machine: &Machine, config: &Config) -> Vec<Finding> {
+    pub(super) fn examine(&self, machine: &Machine, config: &Config) -> Vec<Finding> {
         let user = machine.name_of("/etc/passwd", self.uid);
         let mut findings = Vec::new();
         if let Some(Limit::At(bytes)) = self.locked_memory_bytes
@@ -85,7 +96,7 @@ impl Process {
         {
             findings.push(Finding::new(
                 Severity::Warning,
-                Check::LockedMemory,
+                "locked_memory",
                 format!(
                     "at most {} KiB may be locked in memory, so nothing is: a system short of memory can hold frames up",
                     bytes >> 10
@@ -100,7 +111,7 @@ impl Process {
         {
             findings.push(Finding::new(
                 Severity::Warning,
-                Check::RealTimePriority,
+                "real_time_priority",
                 format!(
                     "the configuration asks for real-time priority {asked}, the most that is allowed is {allowed}: \
                      frames wait for other programs"
@@ -112,18 +123,40 @@ impl Process {
     }
 }
 
-/// Whether process `id` is `uvcam run`: the main process, whose rights those of its cameras have.
-fn is_driver(machine: &Machine, id: u32) -> bool {
-    let line = machine.text(&format!("/proc/{id}/cmdline")).unwrap_or_default();
+/// The configuration of process `id`, where that is a driver's main process, whose rights those of its cameras have. Nothing where it
+/// cannot be read, or not any more: whose driver that is, is not known.
+fn configuration(machine: &Machine, id: u32) -> Option<Config> {
+    let line = machine.text(&format!("/proc/{id}/cmdline"))?;
     let mut words = line.split('\0');
-    let program = words.next().unwrap_or_default().rsplit('/').next();
-    let mut is_run = false;
-    program == Some("uvcam")
-        && words.all(|word| {
-            is_run |= word == "run";
-            word != "--main-process"
-        })
-        && is_run
+    if words.next()?.rsplit('/').next() != Some("uvcam") {
+        return None;
+    }
+    let words: Vec<&str> = words.collect();
+    if !words.contains(&"run") || words.contains(&"--main-process") {
+        return None;
+    }
+    let following = words.iter().position(|word| *word == "--config").and_then(|at| words.get(at + 1));
+    let named = following.copied().or_else(|| words.iter().find_map(|word| word.strip_prefix("--config=")));
+    let environment = || machine.text(&format!("/proc/{id}/environ")).unwrap_or_default();
+    let variable =
+        || environment().split('\0').find_map(|word| word.strip_prefix("UVCAM_CONFIG=")).map(String::from);
+    match named.map(String::from).or_else(variable) {
+        Some(file) => {
+            let folder = PathBuf::from(format!("/proc/{id}/cwd"));
+            Config::load(Some(&machine.path(&folder.join(Path::new(&file)).to_string_lossy()))).ok()
+        }
+        None => Config::load(None).ok(),
+    }
+}
+
+/// Whether two configurations are about the same: a camera of one name, where the same consumers find it.
+fn is_about(one: &Config, other: &Config) -> bool {
+    let place = |config: &Config| {
+        let settings = &config.ipc.settings;
+        (settings.prefix.clone(), settings.root_path.clone())
+    };
+    let has = |name: &String| other.cameras.iter().any(|camera| camera.name == *name);
+    place(one) == place(other) && one.cameras.iter().any(|camera| has(&camera.name))
 }
 
 /// The rest of the line that begins with `key`.

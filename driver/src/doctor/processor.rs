@@ -1,16 +1,21 @@
 //! Processors and the clock.
 
 use super::machine::Machine;
-use super::{Check, Finding, Severity};
+use super::{Finding, Severity};
 
 const PROCESSORS: &str = "/sys/devices/system/cpu";
 const CLOCK: &str = "/sys/devices/system/clocksource/clocksource0";
 
-/// Clock sources that the kernel reads from a device, over and over a microsecond, instead of from a register of the processor.
+/// Clock sources that the kernel reads from a device, in well over a microsecond, instead of from a register of the processor.
 const SLOW_CLOCKS: [&str; 5] = ["hpet", "acpi_pm", "pit", "jiffies", "refined-jiffies"];
 
+/// What delays a frame under load, and its stamps.
+pub(super) fn examine(machine: &Machine) -> Vec<Finding> {
+    [governor(machine), clock_source(machine)].concat()
+}
+
 /// Whether the processors run at full speed (kernel documentation, CPU performance scaling).
-pub(super) fn governor(machine: &Machine) -> Vec<Finding> {
+fn governor(machine: &Machine) -> Vec<Finding> {
     let names = machine.names(PROCESSORS);
     let governor = |name: &String| machine.text(&format!("{PROCESSORS}/{name}/cpufreq/scaling_governor"));
     let governors: Vec<String> = names.iter().filter_map(governor).collect();
@@ -18,7 +23,7 @@ pub(super) fn governor(machine: &Machine) -> Vec<Finding> {
     let Some(first) = slow.first() else { return Vec::new() };
     vec![Finding::new(
         Severity::Warning,
-        Check::CpuGovernor,
+        "cpu_governor",
         format!(
             "{} of {} processors run under the governor \"{first}\", which lowers their speed between two frames",
             slow.len(),
@@ -29,7 +34,7 @@ pub(super) fn governor(machine: &Machine) -> Vec<Finding> {
 }
 
 /// Whether reading the clock, which each frame does several times, needs no device.
-pub(super) fn clock_source(machine: &Machine) -> Vec<Finding> {
+fn clock_source(machine: &Machine) -> Vec<Finding> {
     let current = machine.text(&format!("{CLOCK}/current_clocksource")).unwrap_or_default();
     if !SLOW_CLOCKS.contains(&current.as_str()) {
         return Vec::new();
@@ -42,7 +47,7 @@ pub(super) fn clock_source(machine: &Machine) -> Vec<Finding> {
     };
     vec![Finding::new(
         Severity::Warning,
-        Check::ClockSource,
+        "clock_source",
         format!("the clock source is \"{current}\", which is slow to read, so stamps are late"),
         remedy,
     )]

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::net::IpAddr;
 
 use super::machine::Machine;
-use super::{Check, Finding, Severity};
+use super::{Finding, Severity};
 use crate::camera::told;
 use crate::config::{CameraConfig, Config, Source};
 
@@ -19,7 +19,7 @@ const USB3_VISION: (&str, &str) = ("ef", "05");
 const SUPER_SPEED: f64 = 5000.0;
 /// Share of a link's bytes that frames can take; the rest goes to packet heads, acknowledgements and polling.
 const USABLE: f64 = 0.8;
-/// Least advice for usbfs memory, MB.
+/// The least usbfs memory that is advised, MB.
 const ADVISED_MB: u64 = 256;
 
 /// A camera as sysfs describes it (kernel documentation, sysfs-bus-usb).
@@ -63,7 +63,7 @@ impl UsbCamera {
     }
 }
 
-/// The cameras on USB: devices of the vendors known, and every USB3 Vision device.
+/// The cameras on USB: devices of the known vendors, and every USB3 Vision device.
 pub(super) fn cameras(machine: &Machine) -> Vec<UsbCamera> {
     let names = machine.names(DEVICES);
     let interface = |name: &str| {
@@ -111,13 +111,24 @@ fn pairs<'a>(
         .filter_map(|(camera, serial)| Some((camera, connected.iter().find(|device| device.is(serial))?)))
 }
 
+/// Cameras on USB, their links, and what the system has for them.
+pub(super) fn examine(machine: &Machine, config: &Config, cameras: &[UsbCamera]) -> Vec<Finding> {
+    [
+        connected(config, cameras),
+        link(cameras),
+        bandwidth(machine, config, cameras),
+        memory(machine, config, cameras),
+    ]
+    .concat()
+}
+
 /// Whether each configured camera is connected. One that is not may be a GigE Vision camera, which sysfs does not know.
-pub(super) fn connected(config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
+fn connected(config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
     let absent = configured(config).filter(|(_, serial)| !connected.iter().any(|device| device.is(serial)));
     let finding = |(camera, serial): (&CameraConfig, &str)| {
         Finding::new(
             Severity::Unknown,
-            Check::Connected,
+            "connected",
             format!(
                 "{}: no camera on USB has the serial {serial}, so its link and access were not examined",
                 camera.name
@@ -129,12 +140,12 @@ pub(super) fn connected(config: &Config, connected: &[UsbCamera]) -> Vec<Finding
 }
 
 /// Whether USB3 Vision cameras have the link that they were made for.
-pub(super) fn link(connected: &[UsbCamera]) -> Vec<Finding> {
+fn link(connected: &[UsbCamera]) -> Vec<Finding> {
     let slow = connected.iter().filter_map(|camera| {
         let speed = camera.speed.filter(|speed| camera.is_usb3_vision && *speed < SUPER_SPEED)?;
         Some(Finding::new(
             Severity::Fault,
-            Check::UsbLink,
+            "usb_link",
             format!("{}: its link has {speed} Mbit/s, that of a USB 2 port or cable", camera.describe()),
             "plug it into a USB 3 port with a USB 3 cable, fully in; then see `lsusb --tree`",
         ))
@@ -143,7 +154,7 @@ pub(super) fn link(connected: &[UsbCamera]) -> Vec<Finding> {
 }
 
 /// Whether the configured cameras of one bus fit it. All SuperSpeed ports of a controller are one bus.
-pub(super) fn bandwidth(machine: &Machine, config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
+fn bandwidth(machine: &Machine, config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
     let mut buses: BTreeMap<u32, (Vec<&str>, f64)> = BTreeMap::new();
     for (camera, device) in pairs(config, connected) {
         let (names, demand) = buses.entry(device.bus).or_default();
@@ -156,7 +167,7 @@ pub(super) fn bandwidth(machine: &Machine, config: &Config, connected: &[UsbCame
         (demand > usable).then(|| {
             Finding::new(
                 Severity::Fault,
-                Check::UsbBandwidth,
+                "usb_bandwidth",
                 format!(
                     "{} send {demand:.0} MB/s over USB bus {bus}, whose controller carries about {usable:.0} MB/s",
                     names.join(", ")
@@ -180,8 +191,8 @@ fn carried_mb(speed: f64) -> Option<f64> {
 }
 
 /// Whether the kernel's memory for USB transfers, which all programs share, holds what the configured cameras can queue.
-/// One frame of each camera is the least with which frames arrive whole.
-pub(super) fn memory(machine: &Machine, config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
+/// With room for less than one frame of each camera, frames do not arrive whole.
+fn memory(machine: &Machine, config: &Config, connected: &[UsbCamera]) -> Vec<Finding> {
     // 0 is no limit.
     let limit = machine.value::<u32>(USBFS_MEMORY).filter(|mb| *mb > 0).map(u64::from);
     let frames: u64 = pairs(config, connected).map(|(camera, _)| camera.settings.frame_bytes() as u64).sum();
@@ -190,7 +201,7 @@ pub(super) fn memory(machine: &Machine, config: &Config, connected: &[UsbCamera]
     let needed = queued.div_ceil(1 << 20);
     vec![Finding::new(
         if mb << 20 < frames { Severity::Fault } else { Severity::Warning },
-        Check::UsbfsMemory,
+        "usbfs_memory",
         format!(
             "the kernel has {mb} MB for USB transfers, the slots of the connected cameras are {needed} MB"
         ),

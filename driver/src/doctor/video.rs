@@ -4,7 +4,7 @@ use std::fs;
 
 use super::access::Node;
 use super::machine::Machine;
-use super::{Check, Finding, Severity};
+use super::{Finding, Severity};
 use crate::config::{Config, Source, V4l2Device};
 
 const NODES: &str = "/sys/class/video4linux";
@@ -33,7 +33,7 @@ pub(super) fn cameras<'a>(machine: &Machine, config: &'a Config) -> Vec<VideoCam
     cameras.collect()
 }
 
-/// The first node of the USB device with this serial: the frames' one. Others carry data about them.
+/// The first node of the USB device with this serial, which carries the frames. Others carry data about them.
 fn with_serial(machine: &Machine, serial: &str) -> Option<String> {
     let is_of_device = |name: &String| {
         let interface = fs::canonicalize(machine.path(&format!("{NODES}/{name}/device"))).ok();
@@ -56,8 +56,13 @@ pub(super) fn nodes(cameras: &[VideoCamera]) -> Vec<Node> {
     nodes.collect()
 }
 
+/// Whether they are connected, and named by what stays theirs.
+pub(super) fn examine(machine: &Machine, cameras: &[VideoCamera]) -> Vec<Finding> {
+    [connected(cameras), names(machine, cameras)].concat()
+}
+
 /// Whether each is connected. One that is not found by its serial may be named by its place instead, which sysfs does not say.
-pub(super) fn connected(cameras: &[VideoCamera]) -> Vec<Finding> {
+fn connected(cameras: &[VideoCamera]) -> Vec<Finding> {
     let absent = cameras.iter().filter(|camera| camera.node.is_none());
     let finding = |VideoCamera { name, device, .. }: &VideoCamera| {
         let (severity, what) = match device {
@@ -69,13 +74,13 @@ pub(super) fn connected(cameras: &[VideoCamera]) -> Vec<Finding> {
         };
         let remedy =
             "uvcam list shows every camera that answers, with its serial and node; check cable and power";
-        Finding::new(severity, Check::Connected, what, remedy)
+        Finding::new(severity, "connected", what, remedy)
     };
     absent.map(finding).collect()
 }
 
 /// Whether a camera is named by the number of its node, which another one can have after the next start.
-pub(super) fn names(machine: &Machine, cameras: &[VideoCamera]) -> Vec<Finding> {
+fn names(machine: &Machine, cameras: &[VideoCamera]) -> Vec<Finding> {
     let finding = |VideoCamera { name, device, node }: &VideoCamera| {
         let V4l2Device::Path(path) = device else { return None };
         let path = path.to_str()?;
@@ -89,7 +94,7 @@ pub(super) fn names(machine: &Machine, cameras: &[VideoCamera]) -> Vec<Finding> 
         };
         Some(Finding::new(
             Severity::Warning,
-            Check::DeviceName,
+            "device_name",
             format!(
                 "{name}: {path} is a number in the order of plugging: another camera can have it after the next start"
             ),

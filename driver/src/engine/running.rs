@@ -16,6 +16,7 @@ use crate::error::{Error, with_causes};
 use crate::frame_path::Command;
 use crate::health::Reporter;
 use crate::mask::{MaskInForce, MaskService};
+use crate::memory;
 use crate::service_manager::Condition;
 use crate::supervise::{State, Supervisor};
 use crate::thread::spawn;
@@ -51,12 +52,12 @@ pub(super) struct Running {
 }
 
 impl Running {
-    /// Starts the camera at `place` in the configuration.
+    /// Starts the camera with this index in the configuration.
     ///
     /// # Errors
     /// [`Error::Ipc`] where another driver runs it; [`Error::System`] where the system gives no thread.
     pub(super) fn start(
-        place: usize,
+        camera_index: usize,
         camera: &CameraConfig,
         config: &Config,
         events: &Sender<Event>,
@@ -65,13 +66,13 @@ impl Running {
         // First of all: a driver that finds another one in its place opens no camera.
         let mut health = Reporter::open(config, camera)?;
         let worker = Worker::start(&camera.name)?;
-        let (commands, orders) = channel();
+        let (commands, inbox) = channel();
         let counters = Arc::new(Counters::default());
         let supervisor = Supervisor::new(
-            place,
+            camera_index,
             camera.clone(),
             config.ipc.clone(),
-            orders,
+            inbox,
             Box::new({
                 let events = events.clone();
                 // Nobody listens only while the driver ends.
@@ -141,12 +142,8 @@ impl Running {
             State::Waiting(error) => with_causes(error),
             State::Refused(error) => format!("publishes nothing: {}", with_causes(error)),
         };
-        let due = if self.is_asked { Some(0) } else { self.told.is_due(&text, Instant::now()) };
-        let Some(untold) = due else { return };
-        let text = match untold {
-            0 => format!("{}: {text}", self.config.name),
-            _ => format!("{}: {text} (not told since the last one: {untold})", self.config.name),
-        };
+        let due = if self.is_asked { Some(text) } else { self.told.due(&text, Instant::now()) };
+        let Some(text) = due.map(|text| format!("{}: {text}", self.config.name)) else { return };
         match state {
             State::Streaming(_) | State::Generating => tracing::info!("{text}"),
             State::Waiting(_) if goes_on => tracing::warn!("{text}; trying again"),
@@ -201,6 +198,9 @@ impl Running {
         self.last_tick = now;
         self.health.set_frame_rate(self.frame_rate);
         self.watch(now.0);
+        if let Some(text) = memory::nearly_all_taken().and_then(|text| self.told.due(&text, Instant::now())) {
+            tracing::warn!("{}: {text}", self.config.name);
+        }
         self.keep_findable(config);
         self.health.publish(&self.counters);
         if matches!(self.state, Some(State::Streaming(_))) && !self.is_stuck && self.since.elapsed() >= STEADY
@@ -240,7 +240,7 @@ impl Running {
     /// Looks whether the camera's thread is stuck in a call of a library, or free again.
     fn watch(&mut self, now_ns: u64) {
         let silent = Duration::from_nanos(now_ns.saturating_sub(self.counters.last_sign_of_life_ns()));
-        // A thread that collects lit frames is watched by whoever ordered them.
+        // A thread that collects lit frames is watched by whoever requested them.
         let is_stuck = silent > STUCK && !matches!(self.state, Some(State::Generating));
         if is_stuck {
             let text = format!("nothing heard of its thread for {} s", silent.as_secs());

@@ -30,7 +30,7 @@ impl Worker {
     ///
     /// # Errors
     /// [`Error::Busy`] where too many jobs wait already; nothing is done then.
-    pub(super) fn order<T: 'static>(
+    pub(super) fn submit<T: 'static>(
         &self,
         part: &'static str,
         job: impl FnOnce() -> Result<T, Error> + Send + 'static,
@@ -44,7 +44,7 @@ impl Worker {
             );
         };
         self.jobs.try_send(Box::new(job)).map_err(|_| {
-            Error::Busy(format!("{WAITING} orders before this one are not done: a file does not answer"))
+            Error::Busy(format!("{WAITING} jobs before this one are not done: a file does not answer"))
         })
     }
 }
@@ -61,7 +61,7 @@ mod tests {
         let jobs: [fn() -> Result<u32, Error>; 3] = [|| Ok(1), || panic!("out of order"), || Ok(3)];
         for job in jobs {
             let answers = answers.clone();
-            worker.order("the job", job, move |outcome| answers.send(outcome).unwrap()).unwrap();
+            worker.submit("the job", job, move |outcome| answers.send(outcome).unwrap()).unwrap();
         }
         drop((worker, answers));
         let told: Vec<String> = inbox
@@ -76,8 +76,8 @@ mod tests {
         let worker = Worker::start("left").unwrap();
         let (release, held) = channel::<()>();
         let hang = move || Ok(held.recv().is_ok());
-        worker.order("the job", hang, |_| ()).unwrap();
-        let refused = (0..WAITING + 2).find_map(|_| worker.order("the job", || Ok(()), |_| ()).err());
+        worker.submit("the job", hang, |_| ()).unwrap();
+        let refused = (0..WAITING + 2).find_map(|_| worker.submit("the job", || Ok(()), |_| ()).err());
         let refused = refused.unwrap();
         assert!(refused.to_string().contains("a file does not answer"), "{refused}");
         assert_eq!(refused.exit(), crate::exit::Exit::System);

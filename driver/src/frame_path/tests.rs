@@ -51,17 +51,8 @@ pub(crate) fn identity() -> Identity {
     }
 }
 
-pub(crate) fn applied(width: u32, height: u32) -> Applied {
-    Applied {
-        width,
-        height,
-        stride: width,
-        pixel_format: PixelFormat::Mono8,
-        fps: 60.0,
-        exposure_us: 1000.0,
-        gain_db: 0.0,
-        payload_bytes: (width * height) as usize,
-    }
+fn applied(width: u32, height: u32) -> Applied {
+    Applied::exactly(&CameraSettings::new(width, height, 60.0, 1000.0))
 }
 
 /// A camera whose next frame is always there, all of it white.

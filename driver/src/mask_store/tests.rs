@@ -129,7 +129,7 @@ fn a_candidate_that_must_not_fly_is_refused_before_anything_moves() {
         let before = everything(&left);
         let error = left.accept(SIZE).unwrap_err();
         assert_eq!(error.exit(), crate::exit::Exit::Refused, "{error}");
-        let said = crate::error::with_causes(&error);
+        let said = crate::causes::with_causes(&error);
         assert!(said.contains(expected), "{said}");
         assert_eq!(everything(&left), before, "{expected}");
         let _ = fs::remove_dir(left.candidate());
@@ -211,7 +211,7 @@ fn where_the_mask_is_a_link_the_file_behind_it_is_kept_and_replaced() {
     fs::remove_file(left.in_force()).unwrap();
     symlink("left.png", left.in_force()).unwrap();
     let error = left.restore(1, SIZE).unwrap_err();
-    assert!(crate::error::with_causes(&error).contains("it leads to itself"), "{error}");
+    assert!(crate::causes::with_causes(&error).contains("it leads to itself"), "{error}");
 }
 
 #[test]
@@ -231,7 +231,7 @@ fn where_a_file_cannot_be_written_everything_stays() {
     fs::remove_file(left.in_force()).unwrap();
     symlink("/proc/version", left.in_force()).unwrap();
     let before = everything(&left);
-    let said = crate::error::with_causes(&left.accept(SIZE).unwrap_err());
+    let said = crate::causes::with_causes(&left.accept(SIZE).unwrap_err());
     assert!(said.contains("cannot write `/proc/version`"), "{said}");
     assert_eq!(everything(&left), before);
 }
@@ -243,7 +243,7 @@ fn what_is_in_force_and_no_file_is_left_alone() {
     fs::create_dir(left.in_force()).unwrap();
     store(&left, 1);
     let error = left.accept(SIZE).unwrap_err();
-    assert!(crate::error::with_causes(&error).contains("it is a folder, not a file"), "{error}");
+    assert!(crate::causes::with_causes(&error).contains("it is a folder, not a file"), "{error}");
     assert!(left.candidate().exists());
 }
 

@@ -9,26 +9,28 @@ use uvcam_shm_ipc::Settings;
 use uvcam_shm_ipc::health::{Cause, Health, HealthReader, State};
 
 use super::launcher::Launcher;
+use super::stderr::Stderr;
 use crate::back_off::BackOff;
-use crate::error::with_causes;
+use crate::causes::with_causes;
 use crate::exit::Exit;
 use crate::service_manager::Condition;
-use crate::told::Told;
 
-/// A process writes a record every second. One that is late may have another service, as its files were removed ...
-const LATE: Duration = Duration::from_secs(2);
-/// ... and where there is none, it hangs.
+/// A process writes a record every second. One that has not done so for this long hangs.
 const SILENT: Duration = Duration::from_secs(5);
 /// A process that has said nothing at all for this long hangs as well; at its start, it may wait for a predecessor to go.
 const DUMB: Duration = Duration::from_secs(10);
 /// A process that has worked for this long is started again at once.
 const STEADY: Duration = Duration::from_secs(1);
+/// How long what a process has said last may take to be told, before its end is. What it has started may hold its stderr open.
+const LAST_WORDS: Duration = Duration::from_millis(50);
+/// A camera that streams for this long works; what its processes did before is forgotten by the log.
+const WORKING: Duration = Duration::from_secs(10);
 
 /// A camera and its process.
 pub(super) struct CameraProcess {
     name: String,
     process: Process,
-    /// Where its health is told; missing before it has told any, and where its files were removed.
+    /// Where its health is told; missing before it has told any.
     reader: Option<HealthReader>,
     /// The newest record of the process that runs.
     record: Option<Health>,
@@ -45,7 +47,7 @@ pub(super) struct CameraProcess {
     published_before: u64,
     /// Whether the masks are to be read anew by a process that does not listen yet.
     is_mask_owed: bool,
-    told: Told,
+    stderr: Stderr,
 }
 
 /// What there is of a process.
@@ -79,7 +81,7 @@ impl CameraProcess {
             is_tried: false,
             published_before: 0,
             is_mask_owed: false,
-            told: Told::default(),
+            stderr: Stderr::new(name),
         }
     }
 
@@ -91,11 +93,11 @@ impl CameraProcess {
         (self.began, self.heard) = (now, now);
         // It reads its mask at its start.
         self.is_mask_owed = false;
-        self.process = match launcher.start(&self.name) {
+        self.process = match launcher.start(&self.name, &mut self.stderr) {
             Ok(child) => Process::Running(child),
             Err(error) => {
                 self.is_tried = true;
-                self.say(&with_causes(&error));
+                self.stderr.say(&with_causes(&error));
                 let again = Some(now + self.back_off.after_failure(now, now));
                 Process::Ended { how: End::NotStarted, again }
             }
@@ -107,7 +109,7 @@ impl CameraProcess {
         if !self.is_running() {
             return;
         }
-        if self.reader.is_none() || now.duration_since(self.heard) > LATE {
+        if self.reader.is_none() {
             // One that is full, or of another user, tells nothing: that is no reason to take it for a process that hangs.
             self.reader = HealthReader::open(settings, &self.name)
                 .inspect_err(|error| tracing::debug!("{}: {error}", self.name))
@@ -125,6 +127,9 @@ impl CameraProcess {
         let Some(record) = newest.filter(|record| record.process_id == child.id()) else { return };
         self.heard = now;
         self.has_worked |= has_worked(&record);
+        if streams_for(&record, WORKING) {
+            self.stderr.set_working(WORKING);
+        }
         self.is_tried |= record.state() != Ok(State::Starting);
         self.record = Some(record);
         if std::mem::take(&mut self.is_mask_owed) {
@@ -143,11 +148,10 @@ impl CameraProcess {
             return None;
         }
         let silence = self.heard.elapsed();
-        let is_silent = match (&self.record, &self.reader) {
-            (None, _) => silence > DUMB,
-            (Some(_), Some(_)) => silence > SILENT,
-            // It may well fly, and not be able to tell, as its files were removed.
-            (Some(_), None) => false,
+        let is_silent = match self.record {
+            None => silence > DUMB,
+            // Without a connection it may well fly, and not be able to tell, as its files were removed.
+            Some(_) => self.reader.as_ref().is_some_and(HealthReader::is_connected) && silence > SILENT,
         };
         match &self.record {
             _ if is_silent => Some("its process says nothing any more"),
@@ -165,7 +169,7 @@ impl CameraProcess {
 
     /// Kills the process, which is taken note of when it has ended.
     pub(super) fn kill(&mut self, why: &str) {
-        self.say(&format!("{why}: its process is killed"));
+        self.stderr.say(&format!("{why}: its process is killed"));
         self.signal(Signal::KILL);
     }
 
@@ -177,6 +181,8 @@ impl CameraProcess {
         let record = self.record.take();
         self.published_before += record.map_or(0, |record| record.published);
         self.is_tried = true;
+        self.stderr.finish(Instant::now() + LAST_WORDS);
+        self.stderr.set_failing();
         let is_wrong = status.code() == Some(Exit::Usage as i32);
         let has_worked = record.is_some_and(|record| has_worked(&record));
         if has_worked {
@@ -192,7 +198,7 @@ impl CameraProcess {
         };
         self.process = Process::Ended { how: End::Status(status), again };
         let what_now = if is_wrong { "not started again" } else { "started again" };
-        self.say(&format!("its process has ended ({status}), and is {what_now}"));
+        self.stderr.say(&format!("its process has ended ({status}), and is {what_now}"));
         true
     }
 
@@ -223,6 +229,11 @@ impl CameraProcess {
             // One that has ended and was not waited for keeps its number.
             let _ = kill_process(Pid::from_child(child), signal);
         }
+    }
+
+    /// Waits until all is told that the process has said.
+    pub(super) fn finish(&self, end: Instant) {
+        self.stderr.finish(end);
     }
 
     /// Whether there is a process.
@@ -283,21 +294,15 @@ impl CameraProcess {
         let (rate, lost) = self.record.map_or((0.0, 0), |record| (record.frame_rate, record.lost));
         format!("{} {rate:.0} fps, {lost} lost", self.name)
     }
-
-    /// Tells of the process, unless that is no news.
-    fn say(&mut self, text: &str) {
-        match self.told.is_due(text, Instant::now()) {
-            None => {}
-            Some(0) => tracing::error!("{}: {text}", self.name),
-            Some(untold) => {
-                tracing::error!("{}: {text} (not told since the last one: {untold})", self.name);
-            }
-        }
-    }
 }
 
 fn has_worked(record: &Health) -> bool {
     record.published > 0 || record.state() == Ok(State::Streaming)
+}
+
+fn streams_for(record: &Health, long: Duration) -> bool {
+    let since = record.written_monotonic_ns.saturating_sub(record.state_since_monotonic_ns);
+    record.state() == Ok(State::Streaming) && Duration::from_nanos(since) >= long
 }
 
 fn is_stuck(record: &Health) -> bool {

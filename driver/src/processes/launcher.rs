@@ -2,15 +2,17 @@
 
 use std::ffi::OsString;
 use std::fs::File;
-use std::io::{self, Seek, Write};
+use std::io::{self, IsTerminal, Seek, Write};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command};
 
 use rustix::fs::{MemfdFlags, memfd_create};
 
+use super::stderr::Stderr;
 use crate::config::Config;
 use crate::error::Error;
+use crate::log;
 
 /// This program, also where another one has taken its file's place.
 const PROGRAM: &str = "/proc/self/exe";
@@ -32,11 +34,11 @@ impl<'a> Launcher<'a> {
         Launcher { text: &config.text, file, name }
     }
 
-    /// Starts the process of this camera.
+    /// Starts the process of this camera, which says there what it has to say.
     ///
     /// # Errors
     /// [`Error::System`] where the system gives none.
-    pub(super) fn start(&self, camera: &str) -> Result<Child, Error> {
+    pub(super) fn start(&self, camera: &str, stderr: &mut Stderr) -> Result<Child, Error> {
         let mut command = Command::new(PROGRAM);
         command.arg0(&self.name).args(["run", "--camera", camera, "--main-process"]);
         command.arg(std::process::id().to_string());
@@ -46,10 +48,13 @@ impl<'a> Launcher<'a> {
         for name in OF_THE_MANAGER {
             command.env_remove(name);
         }
-        self.text_as_file().and_then(|text| command.stdin(text).spawn()).map_err(|source| Error::System {
-            doing: "starting the process of camera",
-            path: camera.into(),
-            source,
+        if io::stderr().is_terminal() {
+            command.env(log::IN_COLOUR, "1");
+        }
+        // In this order: where there are few files to be had, what tells is not at the cost of what flies.
+        let text = self.text_as_file();
+        text.and_then(|text| command.stdin(text).stderr(stderr.open()).spawn()).map_err(|source| {
+            Error::System { doing: "starting the process of camera", path: camera.into(), source }
         })
     }
 

@@ -10,6 +10,7 @@ use crate::config::Config;
 use crate::engine::{self, Role};
 use crate::error::Error;
 use crate::exit::Exit;
+use crate::memory;
 
 /// Where the kernel is told whom to end first where memory is short (proc_pid_oom_score_adj(5)).
 const OOM_SCORE: &str = "/proc/self/oom_score_adj";
@@ -37,6 +38,7 @@ pub(crate) fn run(camera: &str, main_process: u32, file: Option<&Path>) -> Resul
     })?;
     let config = Config::handed_over(&text, file)?;
     let config = config.with_only(camera).ok_or_else(|| not_by_hand(camera))?;
+    memory::bound(config.process_memory_bytes);
     engine::run(&config, None, Role::Part)
 }
 

@@ -8,9 +8,8 @@ use std::thread::{Builder, JoinHandle};
 use std::time::{Duration, Instant};
 
 use crate::camera::Camera;
+use crate::config::Ipc;
 
-/// Dead devices that may hold slots while another one is opened.
-pub(crate) const CLOSING: usize = 1;
 /// How long the end of the driver waits for them.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// Time between looks at them.
@@ -48,9 +47,9 @@ impl Closing {
         self.threads.extend((self.close)(name, camera));
     }
 
-    /// Whether no more than [`CLOSING`] cameras are on their way out.
+    /// Whether no more than [`Ipc::CLOSING`] cameras are on their way out.
     pub(super) fn has_room(&mut self) -> bool {
-        self.unfinished() <= CLOSING
+        self.unfinished() <= Ipc::CLOSING
     }
 
     /// Waits for all of them, for a while: a dead device must not hold up the end of the driver.

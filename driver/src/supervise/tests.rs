@@ -5,7 +5,7 @@ use std::sync::mpsc::Sender;
 
 use super::*;
 use crate::config::MaskChoice;
-use script::{Ending, Opening, Rig, order};
+use script::{Ending, Opening, Rig, task};
 
 mod script;
 
@@ -64,6 +64,12 @@ fn an_absent_camera_is_looked_for_ten_times_a_second_and_is_no_failure() {
 }
 
 #[test]
+fn a_camera_that_was_absent_starts_with_a_clean_record() {
+    let journal = Rig::new([FAILING, FAILING, Opening::Absent, Opening::Absent, FAILING, FAILING]).run();
+    assert_eq!(pauses(&journal), [100, 200, 100, 100, 100, 200]);
+}
+
+#[test]
 fn a_camera_that_has_worked_starts_with_a_clean_record() {
     let journal = Rig::new([FAILING, FAILING, FAILING, FLEETING, FAILING]).run();
     assert_eq!(pauses(&journal), [100, 200, 400, 100, 200]);
@@ -81,20 +87,20 @@ fn what_an_attempt_takes_counts_as_its_pause() {
 fn a_camera_without_a_mask_stays_closed_until_one_comes() {
     let mut rig = Rig::new([FLEETING]);
     rig.mask = MaskChoice::File("/nowhere/left.png".into());
-    rig.on("refused: mask refused", |commands, _| send(commands, Command::Mask(None)));
+    rig.on("refused: mask refused", |commands| send(commands, Command::Mask(None)));
     let journal = rig.run();
     assert!(journal[0].contains("mask refused: cannot read `/nowhere/left.png`"), "{journal:?}");
     assert_eq!(journal[1], "open A", "{journal:?}");
 }
 
 #[test]
-fn an_order_is_fulfilled_while_the_camera_is_closed() {
+fn lit_frames_are_collected_while_the_camera_is_closed() {
     let device = Opening::Device { serial: "A", frames: 9, ending: Ending::DriverStops };
     let mut rig = Rig::new([device, Opening::Absent, device]);
     rig.mask = MaskChoice::File("/nowhere/left.png".into());
-    rig.on("refused: mask refused", |commands, journal| {
-        send(commands, Command::Generate(Box::new(order(journal))));
-        send(commands, Command::Generate(Box::new(order(journal))));
+    rig.on("refused: mask refused", |commands| {
+        send(commands, Command::Generate(task()));
+        send(commands, Command::Generate(task()));
         send(commands, Command::Mask(None));
     });
     let lines = rig.run().split_off(1);
@@ -114,9 +120,24 @@ fn an_order_is_fulfilled_while_the_camera_is_closed() {
 }
 
 #[test]
-fn an_order_interrupts_a_stream_which_then_goes_on() {
+fn lit_frames_that_find_no_memory_are_told_to_whoever_waits() {
+    let mut rig = Rig::new([Opening::Device { serial: "A", frames: 9, ending: Ending::DriverStops }]);
+    rig.mask = MaskChoice::File("/nowhere/left.png".into());
+    rig.max_subscribers = 0;
+    rig.on("refused: mask refused", |commands| {
+        send(commands, Command::Generate(task()));
+        send(commands, Command::Mask(None));
+    });
+    let lines = rig.run().split_off(1);
+    let told =
+        ["open A", "stop A", "configure A: 1000 us", "done: max_subscribers = 0: use 1 to 64", "close A"];
+    assert_eq!(lines[..5], told);
+}
+
+#[test]
+fn lit_frames_interrupt_a_stream_which_then_goes_on() {
     let mut rig = Rig::new([Opening::Device { serial: "A", frames: 5, ending: Ending::DriverStops }]);
-    rig.on("streaming A", |commands, journal| send(commands, Command::Generate(Box::new(order(journal)))));
+    rig.on("streaming A", |commands| send(commands, Command::Generate(task())));
     let counters = rig.counters.clone();
     let lines = rig.run();
     let told = lines.iter().filter(|line| line.contains(": ") || *line == "generating");
@@ -139,7 +160,7 @@ fn an_order_interrupts_a_stream_which_then_goes_on() {
 fn a_camera_that_does_not_take_its_flight_settings_back_is_told_and_not_flown() {
     let unwilling = Opening::Device { serial: "A", frames: 5, ending: Ending::AtThirdConfigure };
     let mut rig = Rig::new([unwilling]);
-    rig.on("streaming A", |commands, journal| send(commands, Command::Generate(Box::new(order(journal)))));
+    rig.on("streaming A", |commands| send(commands, Command::Generate(task())));
     let counters = rig.counters.clone();
     let lines = rig.run();
     let done = "done: flight settings not restored, nothing is published: camera A failed while configuring: by script";
@@ -192,7 +213,7 @@ fn the_end_of_the_driver_ends_the_wait_for_a_mask() {
     let mut rig = Rig::new([FLEETING]);
     rig.mask = MaskChoice::File("/nowhere/left.png".into());
     let stop = rig.stop.clone();
-    rig.on("refused: mask refused", move |_, _| stop.store(true, Ordering::Relaxed));
+    rig.on("refused: mask refused", move |_| stop.store(true, Ordering::Relaxed));
     assert_eq!(rig.run().len(), 1, "refused, and nothing opened");
 }
 
@@ -211,9 +232,9 @@ fn the_end_of_the_driver_ends_the_wait_for_room() {
 
 #[test]
 fn the_present_is_the_systems_and_sleep_lets_it_pass() {
-    let before = SystemTime.now();
-    SystemTime.sleep(Duration::from_millis(1));
-    assert!(SystemTime.now() - before >= Duration::from_millis(1));
+    let before = SystemClock.now();
+    SystemClock.sleep(Duration::from_millis(1));
+    assert!(SystemClock.now() - before >= Duration::from_millis(1));
 }
 
 fn send(commands: &Sender<Command>, command: Command) {

@@ -12,9 +12,9 @@ pub(super) trait Time: Send {
 }
 
 /// The time of the system.
-pub(super) struct SystemTime;
+pub(super) struct SystemClock;
 
-impl Time for SystemTime {
+impl Time for SystemClock {
     fn now(&self) -> Instant {
         Instant::now()
     }

@@ -27,6 +27,9 @@ pub struct Rectangle {
     pub y1: Option<u32>,
 }
 
+/// How much of a text a message repeats, characters.
+const SHOWN: usize = 60;
+
 /// A text that is no [`Rectangle`].
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
@@ -90,7 +93,9 @@ impl FromStr for Rectangle {
             let is_empty = x1.is_some_and(|x1| x1 <= x0) || y1.is_some_and(|y1| y1 <= y0);
             (!is_empty).then_some(Self { x0, x1, y0, y1 })
         };
-        parse().ok_or_else(|| RectangleError { text: text.to_owned() })
+        parse().ok_or_else(|| RectangleError {
+            text: text.chars().filter(|c| !c.is_control()).take(SHOWN).collect(),
+        })
     }
 }
 

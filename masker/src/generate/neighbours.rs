@@ -14,9 +14,6 @@ use kiddo::{KdTree, SquaredEuclidean};
 use super::{GenerateError, LIT, ParameterError, Parameters, lit_pixels};
 use crate::image::GrayImage;
 
-/// Bucket sizes of the k-d tree that [`Parameters::leaf`] may name.
-pub const LEAF_SIZES: [u32; 4] = [5, 10, 20, 40];
-
 /// Most neighbours that are looked for in all: those of every second pixel of 1920 x 1200 with the published k.
 pub(super) const MOST_WORK: usize = 24_000_000;
 
@@ -43,7 +40,7 @@ pub(super) fn visit_neighbourhoods<T: Send>(
     start: impl Fn() -> T + Sync,
     visit: impl Fn(&mut T, &[(u32, u32)]) + Sync,
 ) -> Result<Vec<T>, GenerateError> {
-    // The bucket size is part of the tree's type.
+    // The bucket size is part of the tree's type: one arm for each of `LEAF_SIZES`.
     match parameters.leaf {
         5 => search::<5, T>(candidates, queried, parameters, start, visit),
         10 => search::<10, T>(candidates, queried, parameters, start, visit),

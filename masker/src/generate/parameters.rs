@@ -1,10 +1,11 @@
 //! Parameters of mask generation.
 
+use std::error::Error;
+use std::fmt;
 use std::ops::RangeInclusive;
 
-use thiserror::Error;
-
-use super::neighbours::LEAF_SIZES;
+/// Bucket sizes of the k-d tree that [`Parameters::leaf`] may name.
+pub const LEAF_SIZES: [u32; 4] = [5, 10, 20, 40];
 
 /// Parameters of mask generation, with their symbols in "Towards Scalable and Fast UAV Deployment".
 ///
@@ -33,41 +34,92 @@ impl Default for Parameters {
 }
 
 /// A parameter out of its range.
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ParameterError {
+    /// Brighter than a pixel can be.
+    Sigma {
+        /// The value given.
+        sigma: u32,
+    },
     /// What the fused method drops as specks could be an arm.
-    #[error("eta is {eta}; give {} to {} pixels", Parameters::ETA.start(), Parameters::ETA.end())]
     Eta {
         /// The value given.
         eta: u32,
     },
     /// The bucket size has no tree.
-    #[error("leaf is {leaf}; give one of {LEAF_SIZES:?}")]
     Leaf {
         /// The value given.
         leaf: u32,
     },
     /// No neighbours, or too many to be local.
-    #[error("k is {k}; give {} to {} points, the candidate itself included", Parameters::K.start(), Parameters::K.end())]
     K {
         /// The value given.
         k: u32,
     },
     /// The distance is none, or no longer that of neighbours.
-    #[error("tau is {tau}; give a distance in pixels above 0, at most {}", Parameters::LARGEST_TAU)]
     Tau {
         /// The value given.
         tau: f64,
     },
     /// The mask would grow over most of the image.
-    #[error("kappa is {kappa}; give {} to {} pixels", Parameters::KAPPA.start(), Parameters::KAPPA.end())]
     Kappa {
         /// The value given.
         kappa: u32,
     },
 }
 
+impl ParameterError {
+    /// The parameter's name, as the field of [`Parameters`].
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Sigma { .. } => "sigma",
+            Self::Eta { .. } => "eta",
+            Self::Leaf { .. } => "leaf",
+            Self::K { .. } => "k",
+            Self::Tau { .. } => "tau",
+            Self::Kappa { .. } => "kappa",
+        }
+    }
+
+    /// The value given.
+    pub fn found(&self) -> String {
+        match self {
+            Self::Sigma { sigma: value }
+            | Self::Eta { eta: value }
+            | Self::Leaf { leaf: value }
+            | Self::K { k: value }
+            | Self::Kappa { kappa: value } => value.to_string(),
+            Self::Tau { tau } => tau.to_string(),
+        }
+    }
+
+    /// What can be given.
+    pub fn allowed(&self) -> String {
+        let range = |range: RangeInclusive<u32>| format!("{} to {}", range.start(), range.end());
+        match self {
+            Self::Sigma { .. } => range(Parameters::SIGMA),
+            Self::Eta { .. } => range(Parameters::ETA) + " pixels",
+            Self::Leaf { .. } => format!("one of {LEAF_SIZES:?}"),
+            Self::K { .. } => range(Parameters::K) + " points, the candidate itself included",
+            Self::Tau { .. } => {
+                format!("a distance in pixels above 0, at most {}", Parameters::LARGEST_TAU)
+            }
+            Self::Kappa { .. } => range(Parameters::KAPPA) + " pixels",
+        }
+    }
+}
+
+impl fmt::Display for ParameterError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} is {}; give {}", self.name(), self.found(), self.allowed())
+    }
+}
+
+impl Error for ParameterError {}
+
 impl Parameters {
+    /// Range of sigma: 8-bit grey values.
+    pub const SIGMA: RangeInclusive<u32> = 0..=u8::MAX as u32;
     /// Range of eta, pixels: 50 times the published value, and less than any part of an airframe.
     pub const ETA: RangeInclusive<u32> = 0..=1000;
     /// Range of k, points: five times the published value; the time that it takes grows with its cube.
@@ -80,6 +132,14 @@ impl Parameters {
     /// How far growth reaches from a candidate at most, in pixels.
     pub(super) fn reach(&self) -> u32 {
         self.kappa.div_ceil(2)
+    }
+
+    /// The grey value of a number that was given for sigma.
+    ///
+    /// # Errors
+    /// [`ParameterError::Sigma`] where a pixel cannot have it.
+    pub fn sigma_from(sigma: u32) -> Result<u8, ParameterError> {
+        u8::try_from(sigma).map_err(|_| ParameterError::Sigma { sigma })
     }
 
     /// Checks the ranges.
@@ -137,5 +197,12 @@ mod tests {
         ] {
             assert_eq!(message(parameters), Err(expected.to_owned()));
         }
+    }
+
+    #[test]
+    fn sigma_is_a_grey_value() {
+        assert_eq!((Parameters::sigma_from(0), Parameters::sigma_from(255)), (Ok(0), Ok(255)));
+        let error = Parameters::sigma_from(256).unwrap_err();
+        assert_eq!(error.to_string(), "sigma is 256; give 0 to 255");
     }
 }

@@ -109,7 +109,7 @@ impl From<IpcError> for Failure {
             IpcErrorKind::Permission | IpcErrorKind::Foreign | IpcErrorKind::Unwritable => {
                 UVCAM_ERROR_PERMISSION
             }
-            IpcErrorKind::Incompatible => UVCAM_ERROR_INCOMPATIBLE,
+            IpcErrorKind::Incompatible | IpcErrorKind::OtherVersion => UVCAM_ERROR_INCOMPATIBLE,
             IpcErrorKind::NoRoom
             | IpcErrorKind::SharedMemoryFull
             | IpcErrorKind::NotMapped

@@ -205,3 +205,52 @@ pub(crate) fn using<T>(
         Err(TryLockError::Poisoned(_)) => Err(Failure::fault("this subscriber has failed before: close it")),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::{CStr, CString};
+    use std::fs;
+
+    use uvcam_shm_ipc::iceoryx2::prelude::*;
+    use uvcam_shm_ipc::{Publisher, Settings};
+
+    use super::*;
+    use crate::error::{UVCAM_ERROR_INCOMPATIBLE, uvcam_error_text};
+
+    #[test]
+    fn a_driver_of_another_contract_is_refused_with_both_versions() {
+        let folder = tempfile::tempdir().unwrap();
+        let prefix: String =
+            folder.path().to_string_lossy().chars().filter(char::is_ascii_alphanumeric).collect();
+        let settings = Settings::new(format!("{prefix}_"), folder.path());
+        drop(Publisher::create(&settings, "left", 64, 1).unwrap());
+        // What a driver of version 9 leaves in the camera's page, and its service.
+        let mut files = fs::read_dir("/dev/shm").unwrap().flatten().map(|file| file.path());
+        let is_page = |file: &std::path::PathBuf| {
+            file.extension().is_some_and(|end| end == "wake") && file.to_string_lossy().contains(&prefix)
+        };
+        let page = files.find(is_page).unwrap();
+        let mut bytes = fs::read(&page).unwrap();
+        bytes[4] = 9;
+        fs::write(&page, bytes).unwrap();
+        let node = NodeBuilder::new().config(&settings.to_iceoryx2().unwrap());
+        let node = node.create::<ipc_threadsafe::Service>().unwrap();
+        let name = ServiceName::new("uvcam/v9/left/frames").unwrap();
+        let service = node.service_builder(&name).publish_subscribe::<u64>().create().unwrap();
+
+        let prefix = CString::new(settings.prefix).unwrap();
+        let root_path = CString::new(settings.root_path.to_str().unwrap()).unwrap();
+        let settings = uvcam_settings { prefix: prefix.as_ptr(), root_path: root_path.as_ptr() };
+        let mut subscriber = std::ptr::dangling_mut();
+        // SAFETY: laws 1 to 3; all of it is this test's.
+        let status = unsafe { uvcam_open(c"left".as_ptr(), &settings, &mut subscriber) };
+        // SAFETY: a text of this thread, which reads it before its next call.
+        let text = unsafe { CStr::from_ptr(uvcam_error_text()) }.to_str().unwrap();
+        assert_eq!((status, subscriber), (UVCAM_ERROR_INCOMPATIBLE, std::ptr::null_mut()), "{text}");
+        for words in ["\"left\"", "version 9 of the contract", "this program has version 2"] {
+            assert!(text.contains(words), "{text}");
+        }
+        drop((service, node));
+        fs::remove_file(page).unwrap();
+    }
+}

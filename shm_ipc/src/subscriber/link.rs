@@ -6,7 +6,7 @@ use iceoryx2::node::Node;
 use iceoryx2::port::listener::{Listener, ListenerCreateError, ListenerWaitError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::port::{DegradationAction, ReceiveError};
-use iceoryx2::prelude::PortFactory;
+use iceoryx2::prelude::{MessagingPattern, PortFactory};
 use iceoryx2::sample::Sample;
 
 use super::RETRY;
@@ -42,7 +42,9 @@ pub(super) struct Link {
 
 impl Link {
     pub(super) fn open(address: &Address, node: &Node<Ipc>) -> Result<Option<Link>, IpcError> {
-        let Some((frames, wake)) = frame_service::open(address, node)? else { return Ok(None) };
+        let Some((frames, wake)) = frame_service::open(address, node)? else {
+            return address.check_version().map(|()| None);
+        };
         let subscriber =
             frames.subscriber_builder().set_degradation_handler(|_, _| DegradationAction::DegradeAndFail);
         match subscriber.create() {
@@ -150,7 +152,7 @@ impl Link {
         is_passed_by
             || self.frames.get().is_none_or(|frames| {
                 frames.dynamic_config().number_of_publishers() == 0
-                    || !frame_service::is_found(address, frames)
+                    || !address.finds(frames, MessagingPattern::PublishSubscribe)
             })
     }
 

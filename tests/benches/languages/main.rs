@@ -45,7 +45,7 @@ fn main() {
     next_frame(&mut stage.subscriber("left"));
 
     let own = std::env::current_exe().unwrap();
-    let mut found: BTreeMap<&str, Vec<(f64, f64)>> = BTreeMap::new();
+    let mut found: BTreeMap<&str, Vec<(f64, f64, f64)>> = BTreeMap::new();
     for round in 0..arguments.rounds {
         let mut consumers = [
             ("Rust", {
@@ -66,7 +66,7 @@ fn main() {
                 said.lines().skip(WARM_UP).map(|line| line.parse().unwrap()).collect();
             latencies.sort_unstable();
             let at = |quantile: f64| latencies[(latencies.len() as f64 * quantile) as usize] as f64 / 1000.0;
-            found.entry(language).or_default().push((at(0.5), at(0.99)));
+            found.entry(language).or_default().push((at(0.1), at(0.5), at(0.99)));
         }
     }
     drop(driver);
@@ -74,14 +74,15 @@ fn main() {
         "752x480 at 60 fps, {} rounds of {} frames, default wait, medians over rounds",
         arguments.rounds, arguments.frames
     );
-    println!("send to receive, us      p50      p99");
+    println!("send to receive, us      p10      p50      p99");
     for (language, values) in &found {
-        let median = |select: fn(&(f64, f64)) -> f64| {
+        let median = |select: fn(&(f64, f64, f64)) -> f64| {
             let mut values: Vec<f64> = values.iter().map(select).collect();
             values.sort_by(f64::total_cmp);
             values[values.len() / 2]
         };
-        println!("{language:19} {:8.1} {:8.1}", median(|value| value.0), median(|value| value.1));
+        let [p10, p50, p99] = [median(|it| it.0), median(|it| it.1), median(|it| it.2)];
+        println!("{language:19} {p10:8.1} {p50:8.1} {p99:8.1}");
     }
 }
 

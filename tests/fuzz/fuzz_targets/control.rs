@@ -2,17 +2,14 @@
 #![no_main]
 #![allow(clippy::unwrap_used)]
 
-use std::sync::Arc;
-
 use libfuzzer_sys::fuzz_target;
 use uvcam::camera::Settings;
 use uvcam::config::Generate;
-use uvcam::control::{Reply, Request};
-use uvcam::generate::Order;
-use uvcam::generator::{Generator, Wish};
+use uvcam::generate::{Generator, Request};
 use uvcam_fuzz::message;
 use uvcam_masker::GrayImage;
 use uvcam_shm_ipc::PixelFormat;
+use uvcam_shm_ipc::control::{self, GenerateRequest, Reply, Verdict};
 
 /// Size of the lit frames.
 const SIZE: (u32, u32) = (24, 16);
@@ -20,37 +17,33 @@ const SIZE: (u32, u32) = (24, 16);
 fuzz_target!(|bytes: &[u8]| {
     // As it arrives from shared memory.
     let text = String::from_utf8_lossy(bytes);
-    if let Ok(reply) = serde_json::from_str::<Reply>(&text) {
-        assert_eq!(again(&reply), again(&serde_json::from_str::<Reply>(&again(&reply)).unwrap()));
+    if let Ok(reply) = text.parse::<Reply>() {
+        assert_eq!(reply.to_text().parse::<Reply>().unwrap(), reply);
     }
-    match serde_json::from_str::<Request>(&text) {
+    match text.parse() {
         Ok(request) => {
-            assert_eq!(again(&request), again(&serde_json::from_str::<Request>(&again(&request)).unwrap()));
-            if let Request::Generate { wish, .. } = request {
-                grant(wish);
+            let request: control::Request = request;
+            assert_eq!(request.to_text().parse::<control::Request>().unwrap(), request);
+            if let control::Request::Generate(request) = request {
+                fulfil(&request);
             }
         }
         Err(error) => drop(message(&error)),
     }
 });
 
-fn again(value: &impl serde::Serialize) -> String {
-    serde_json::to_string(value).unwrap()
-}
-
-/// What the driver does with a wish: it orders lit frames, and makes the mask of those that come.
-fn grant(wish: Wish) {
-    let configured = Generate::default();
-    let order = Order {
-        exposure_us: wish.exposure_us.unwrap_or(configured.exposure_us),
-        gain_db: wish.gain_db.unwrap_or(configured.gain_db),
-        generator: Generator::new(wish, &configured),
-        progress: Box::new(|_| {}),
-        cancelled: Arc::default(),
-        done: Box::new(|_, _| {}),
+/// What the driver does with a request: it refuses it, or asks a camera for its light, and makes the mask of the frames that come.
+fn fulfil(request: &GenerateRequest) {
+    let request = match Request::try_from((request, &Generate::default())) {
+        Ok(request) => request,
+        Err(error) => {
+            message(&error);
+            return;
+        }
     };
-    let _ = order.settings(&flight());
-    let mut generator = order.generator;
+    let lit_settings = request.settings(&flight());
+    assert!(lit_settings.fps > 0.0 && lit_settings.exposure_us * lit_settings.fps <= 1e6);
+    let mut generator = Generator::new(request);
     for frame in 0..3 {
         if generator.is_satisfied() {
             break;
@@ -60,10 +53,10 @@ fn grant(wish: Wish) {
             return;
         }
     }
-    match generator.finish(Some(order.exposure_us)) {
+    match generator.finish(Some(lit_settings.exposure_us)) {
         Ok(generated) => {
             let report = generated.report();
-            assert_eq!(report.is_ok(), generated.outcome.mask.is_some());
+            assert_eq!(report.verdict == Verdict::Ok, generated.outcome.mask.is_some());
             generated.provenance();
         }
         Err(error) => drop(message(&error)),

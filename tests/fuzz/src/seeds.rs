@@ -9,8 +9,8 @@ use std::{env, fs, slice};
 
 use libfuzzer_sys as _;
 use uvcam::config::{Config, DEFAULT};
-use uvcam::control::{Reply, Request};
 use uvcam_masker::Mask;
+use uvcam_shm_ipc::control::{Reply, Request};
 use uvcam_shm_ipc::health::Health;
 use uvcam_shm_ipc::{FrameHeader, PixelFormat};
 
@@ -63,20 +63,20 @@ priority = 50
 cpus = [0, 1]
 "#;
 
-const ASKS: [&str; 4] = [
-    r#"{"ask":"reload_mask"}"#,
-    r#"{"ask":"generate","accept":false,"wish":{"method":"fused","frames":100,"ignore":[],"replace":false}}"#,
-    r#"{"ask":"generate","accept":true,"wish":{"method":"paper","frames":1,"ignore":[":3:1:"],"replace":true,"exposure_us":9e3,
-        "gain_db":-1.0,"sigma":99,"eta":3,"leaf":10,"k":5,"tau":9.5,"kappa":3}}"#,
-    r#"{"ask":"generate","accept":true,"wish":{"method":"fused","frames":255,"ignore":["0:10::","5::7:"],"replace":false,"sigma":0,
-        "eta":0,"kappa":1}}"#,
+const REQUESTS: [&str; 4] = [
+    r#"{"request":"reload_mask"}"#,
+    r#"{"request":"generate","accept":false,"method":"fused","frames":100,"ignore":[],"replace":false}"#,
+    r#"{"request":"generate","accept":true,"method":"paper","frames":1,"ignore":[":3:1:"],"replace":true,"exposure_us":9e3,
+        "gain_db":-1.0,"sigma":99,"eta":3,"leaf":10,"k":5,"tau":9.5,"kappa":3}"#,
+    r#"{"request":"generate","accept":true,"method":"fused","frames":255,"ignore":["0:10::","5::7:"],"replace":false,"sigma":0,
+        "eta":0,"kappa":1}"#,
 ];
 
 const REPLIES: [&str; 4] = [
-    r#"{"answer":"collecting","progress":{"frames":3,"most_frames":100,"lit_px":1200}}"#,
-    r#"{"answer":"done"}"#,
-    r#"{"answer":"failed","exit":3,"cause":"no"}"#,
-    r#"{"answer":"generated","report":{"verdict":"ok","findings":[{"name":"too_dark","refuses":false,"message":"m"}],"frames_used":9,
+    r#"{"reply":"collecting","progress":{"frames":3,"most_frames":100,"lit_px":1200}}"#,
+    r#"{"reply":"done"}"#,
+    r#"{"reply":"failed","exit":3,"cause":"no"}"#,
+    r#"{"reply":"generated","report":{"verdict":"ok","findings":[{"name":"too_dark","refuses":false,"message":"m"}],"frames_used":9,
         "candidates":8,"parts":[{"area_px":5,"perimeter_px":8.5,"compactness":1.25}],"seconds":0.5,"mask_id":"00",
         "overlap_with_mask_in_force":0.5,"file":"/a.png","in_force":true}}"#,
 ];
@@ -194,12 +194,12 @@ fn bytes_of<T: Copy>(record: &T) -> &[u8] {
 }
 
 fn texts(folder: &Path) {
-    for (place, text) in ASKS.iter().enumerate() {
-        serde_json::from_str::<Request>(text).unwrap();
-        write(folder, &format!("ask{place}.json"), text.as_bytes());
+    for (place, text) in REQUESTS.iter().enumerate() {
+        text.parse::<Request>().unwrap();
+        write(folder, &format!("request{place}.json"), text.as_bytes());
     }
     for (place, text) in REPLIES.iter().enumerate() {
-        serde_json::from_str::<Reply>(text).unwrap();
+        text.parse::<Reply>().unwrap();
         write(folder, &format!("reply{place}.json"), text.as_bytes());
     }
 }

@@ -31,7 +31,7 @@ fn tells_who_it_is() {
 
 #[test]
 fn is_not_listed() {
-    assert!(uvcam::camera::source::list().iter().all(|identity| identity.transport != "Fake"));
+    assert!(uvcam::camera::kinds::list().iter().all(|identity| identity.transport != "Fake"));
 }
 
 #[test]
@@ -183,6 +183,6 @@ fn many_threads_open_at_once() {
                 whole(camera.as_mut());
             });
         }
-        scope.spawn(uvcam::camera::source::list);
+        scope.spawn(uvcam::camera::kinds::list);
     });
 }

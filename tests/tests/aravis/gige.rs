@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use uvcam::camera::source::{self, Source, list};
+use uvcam::camera::kinds::{self, list};
+use uvcam::camera::source::Source;
 use uvcam::camera::{CameraError, Capture, Event, Settings};
 use uvcam::realtime::Realtime;
 
@@ -77,7 +78,7 @@ fn white_space_around_a_serial_is_none_of_it() {
         let _program = gige_vision::Camera::start(" GV7 ", 0);
         // The first time by a search, then where it was.
         for wanted in ["GV7", "GV7 "] {
-            let mut source = source::of(&Source::Aravis { serial: wanted.into() });
+            let mut source = kinds::source_of(&Source::Aravis { serial: wanted.into() });
             for _ in 0..2 {
                 assert_eq!(source.open().unwrap().identity().serial, "GV7");
             }

@@ -20,7 +20,7 @@ const FAKE_DEVICE_ID: &str = "Fake_1";
 /// How the library names its other transport of devices.
 const USB3_VISION: &str = "USB3Vision";
 
-/// A way to cameras, with a list of its own in the library.
+/// A transport, with a list of its own in the library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Transport {
     Usb,
@@ -48,7 +48,7 @@ impl Transport {
         let _list = LISTS.get(self as usize).map(|list| list.lock().unwrap_or_else(PoisonError::into_inner));
         let interface = match self {
             // Each time anew: the one that the library keeps hears of devices from udevd alone, and where none reaches this program,
-            // as in a container, its list stays for ever as it was first.
+            // as in a container, its list never changes.
             Transport::Usb => Some(glib::Object::new::<UvInterface>().upcast()),
             Transport::Gige => gige::interface(),
             Transport::Fake => FakeInterface::instance(),

@@ -14,7 +14,7 @@ pub(super) struct Features<'a> {
     pub(super) serial: &'a str,
 }
 
-/// A number that a configuration key asks for, under the name and type that this device has it.
+/// A number that a configuration key asks for, under the name and type that this device has for it.
 pub(super) struct Number<'a> {
     features: &'a Features<'a>,
     setting: &'static str,

@@ -18,6 +18,7 @@ use tracing::warn;
 
 use crate::camera::SOCKET_FRAMES;
 use crate::realtime;
+use crate::told::OPENING;
 
 /// How long a frame may lack a packet while no other frame begins, microseconds. Long enough for a busy sender: a frame is over
 /// anyway with the first packet of the next one, so no frame waits for it.
@@ -52,10 +53,10 @@ pub(super) fn prepare(camera: &aravis::Camera, serial: &str, payload_bytes: usiz
     );
     match socket {
         Socket::Packet => {
-            warn!("camera {serial}: frames arrive up to 5 ms late, through a packet socket; {remedy}")
+            warn!(target: OPENING, "camera {serial}: frames arrive up to 5 ms late, through a packet socket; {remedy}")
         }
         Socket::Plain if allowed_bytes < wanted_bytes => {
-            warn!("camera {serial}: frames can be lost under load; {remedy}");
+            warn!(target: OPENING, "camera {serial}: frames can be lost under load; {remedy}");
         }
         Socket::Plain => {}
     }

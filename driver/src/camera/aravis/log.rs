@@ -2,7 +2,7 @@
 
 use aravis::glib::{LogField, LogLevel, LogWriterOutput, log_set_writer_func};
 
-/// Leads it into the log. For all of the process; once.
+/// Sends it to the log, for the whole process. To be called once.
 pub(in crate::camera) fn log_library() {
     log_set_writer_func(|level, fields| {
         let message = fields.iter().find(|field| field.key() == "MESSAGE").and_then(LogField::value_str);

@@ -16,7 +16,7 @@ use uvcam_masker::file::read_frame;
 use uvcam_shm_ipc::monotonic_ns;
 
 use super::folder::Folder;
-use crate::error::with_causes;
+use crate::causes::with_causes;
 use crate::realtime;
 
 /// Pictures that may wait for their time; an eighth of a second at 60 frames a second.

@@ -1,7 +1,8 @@
 //! What the simulated camera sees.
 //!
 //! A few backgrounds are rendered once, with the lamp in another place and other noise in each; a frame is one of them plus the
-//! markers. So a frame costs little more than its copy, as on a device that writes memory by itself.
+//! markers. So a frame costs little more than its copy, as on a device that writes memory by itself. To draw the backgrounds is most of what
+//! the start of a simulated camera takes: what they have in common is computed once, and waves by column and by row.
 
 use crate::camera::Settings;
 
@@ -22,6 +23,15 @@ pub(super) struct Scene {
     still: bool,
 }
 
+/// What one column or one row adds to the light of its pixels.
+struct Waves {
+    /// The airframe's surface.
+    grain: f64,
+    /// The lamp's light that moves over it, as an angle.
+    sweep: f64,
+    mirror: f64,
+}
+
 fn backgrounds(frame_bytes: usize) -> u64 {
     (BACKGROUND_BYTES / (frame_bytes as u64).max(1)).clamp(1, BACKGROUNDS)
 }
@@ -37,8 +47,9 @@ impl Scene {
             significant_bits: settings.pixel_format.significant_bits(),
             still,
         };
+        let on_airframe = scene.airframe();
         scene.backgrounds = (0..if still { 1 } else { backgrounds(scene.frame_bytes()) })
-            .map(|index| scene.background(index, brightness))
+            .map(|index| scene.background(index, brightness, &on_airframe))
             .collect();
         scene
     }
@@ -79,49 +90,66 @@ impl Scene {
         }
     }
 
-    fn background(&self, index: u64, brightness: f64) -> Vec<u8> {
+    /// Which pixels show the airframe, row by row.
+    fn airframe(&self) -> Vec<bool> {
+        let on_airframe = airframe(self.width, self.height);
+        (0..self.height)
+            .flat_map(|y| (0..self.width).map(move |x| (x, y)))
+            .map(|(x, y)| on_airframe(x, y))
+            .collect()
+    }
+
+    fn background(&self, index: u64, brightness: f64, on_airframe: &[bool]) -> Vec<u8> {
         let mut pixels = vec![0; self.frame_bytes()];
         let mut noise = Noise(index + 1);
+        let sigma = if self.still { 0.0 } else { 1.6 };
         let phase = index as f64 / BACKGROUNDS as f64 * std::f64::consts::TAU;
-        let (width, height) = (f64::from(self.width), f64::from(self.height));
-        let on_airframe = airframe(self.width, self.height);
-        for y in 0..self.height {
-            for x in 0..self.width {
-                let (u, v) = (f64::from(x) / width, f64::from(y) / height);
-                let grain = 0.8 + 0.2 * (u * 91.0).sin() * (v * 57.0).cos();
-                let light = if on_airframe(x, y) {
-                    let sweep = 0.5 + 0.5 * (u * 6.0 + v * 4.0 + phase).cos();
+        let along = |length: u32| (0..length).map(move |at| f64::from(at) / f64::from(length));
+        let columns: Vec<_> = along(self.width)
+            .map(|u| Waves { grain: (u * 91.0).sin(), sweep: u * 6.0, mirror: (u * 40.0 + phase).sin() })
+            .collect();
+        let rows = along(self.height).map(|v| Waves {
+            grain: (v * 57.0).cos(),
+            sweep: v * 4.0,
+            mirror: (v * 36.0 - phase).cos(),
+        });
+        let mut places = pixels.chunks_exact_mut(self.bytes_per_pixel).zip(on_airframe);
+        for row in rows {
+            for (column, (pixel, on_airframe)) in columns.iter().zip(places.by_ref()) {
+                let grain = 0.8 + 0.2 * column.grain * row.grain;
+                let light = if *on_airframe {
+                    let sweep = 0.5 + 0.5 * (column.sweep + row.sweep + phase).cos();
                     // Edges that mirror the lamp: what a detector would take for a marker.
-                    let mirror = if (u * 40.0 + phase).sin() * (v * 36.0 - phase).cos() > 0.985 {
-                        1200.0
-                    } else {
-                        0.0
-                    };
+                    let mirror = if column.mirror * row.mirror > 0.985 { 1200.0 } else { 0.0 };
                     (220.0 + 170.0 * sweep) * grain + mirror
                 } else {
                     6.0 + 10.0 * grain
                 };
-                let sigma = if self.still { 0.0 } else { 1.6 };
-                self.put(
-                    &mut pixels,
-                    x,
-                    y,
-                    (light * brightness + sigma * noise.normal()).clamp(0.0, 255.0) as u8,
-                );
+                let value = (light * brightness + sigma * noise.normal()).clamp(0.0, 255.0) as u8;
+                self.write(pixel, value);
             }
         }
         pixels
     }
 
-    /// Writes one pixel, scaled from 8 bits to the format's depth.
+    /// Writes one pixel where it is in the image.
     fn put(&self, pixels: &mut [u8], x: u32, y: u32, value: u8) {
         if x >= self.width || y >= self.height {
             return;
         }
         let at = (y as usize * self.width as usize + x as usize) * self.bytes_per_pixel;
-        let scaled = u16::from(value) << (self.significant_bits - 8);
         if let Some(pixel) = pixels.get_mut(at..at + self.bytes_per_pixel) {
-            pixel.copy_from_slice(&scaled.to_le_bytes()[..self.bytes_per_pixel]);
+            self.write(pixel, value);
+        }
+    }
+
+    /// Writes the value, scaled from 8 bits to the format's depth.
+    fn write(&self, pixel: &mut [u8], value: u8) {
+        let scaled = u16::from(value) << (self.significant_bits - 8);
+        match (pixel, scaled.to_le_bytes()) {
+            ([byte], [value, _]) => *byte = value,
+            ([low, high], value) => [*low, *high] = value,
+            _ => {}
         }
     }
 }
@@ -140,16 +168,16 @@ pub fn airframe(width: u32, height: u32) -> impl Fn(u32, u32) -> bool {
     ];
     move |x, y| {
         let point = (f64::from(x) / unit, f64::from(y) / unit);
-        limbs.iter().any(|(from, to, radius)| distance_to_line(point, *from, *to) <= *radius)
+        limbs.iter().any(|(from, to, radius)| squared_distance_to_line(point, *from, *to) <= radius * radius)
     }
 }
 
-fn distance_to_line(point: (f64, f64), from: (f64, f64), to: (f64, f64)) -> f64 {
+fn squared_distance_to_line(point: (f64, f64), from: (f64, f64), to: (f64, f64)) -> f64 {
     let (dx, dy) = (to.0 - from.0, to.1 - from.1);
     let length_squared = dx * dx + dy * dy;
     let along = ((point.0 - from.0) * dx + (point.1 - from.1) * dy) / length_squared.max(f64::MIN_POSITIVE);
     let along = along.clamp(0.0, 1.0);
-    (point.0 - from.0 - along * dx).hypot(point.1 - from.1 - along * dy)
+    (point.0 - from.0 - along * dx).powi(2) + (point.1 - from.1 - along * dy).powi(2)
 }
 
 /// A small generator of repeatable noise (SplitMix64).

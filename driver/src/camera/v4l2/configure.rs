@@ -87,21 +87,6 @@ fn rate(interval: Fraction) -> f64 {
 mod tests {
     use super::*;
 
-    fn settings(fps: f64) -> Settings {
-        Settings {
-            width: 8,
-            height: 4,
-            offset_x: 0,
-            offset_y: 0,
-            binning_horizontal: 1,
-            binning_vertical: 1,
-            pixel_format: uvcam_shm_ipc::PixelFormat::Mono8,
-            fps,
-            exposure_us: 1000.0,
-            gain_db: 0.0,
-        }
-    }
-
     #[test]
     fn a_rate_becomes_a_time_per_frame_and_back() {
         for fps in [0.1, 1.0, 29.97, 59.9, 60.0, 10_000.0] {
@@ -118,7 +103,7 @@ mod tests {
     fn a_sensor_whose_driver_knows_no_rate_is_refused_by_name() {
         // Like such a driver, it answers the question for a rate with ENOTTY.
         let device = Device::open(std::path::Path::new("/dev/null")).unwrap();
-        match set_rate(&device, &settings(60.0)) {
+        match set_rate(&device, &Settings::new(8, 4, 60.0, 1000.0)) {
             Err(Failure::Refused(error)) => {
                 assert!(
                     error.to_string().contains("fps = 60 refused: the camera gives no control of it"),

@@ -7,6 +7,7 @@ use v4l::v4l_sys::*;
 
 use crate::camera::source::V4l2;
 use crate::camera::{CameraError, GAIN_TOLERANCE_DB, Grid, Settings, exposure_tolerance_us, verify};
+use crate::told::OPENING;
 
 /// A device's controls, by their ids (V4L2_CID_*).
 pub(super) trait Controls {
@@ -102,7 +103,7 @@ pub(super) fn automatics_off(controls: &dyn Controls) -> Result<(), Failure> {
 fn leave_where_locked(outcome: Result<(), Failure>) -> Result<(), Failure> {
     match outcome {
         Err(Failure::Refused(error)) => {
-            tracing::warn!("{error}; left as it is: the exposure is fixed");
+            tracing::warn!(target: OPENING, "{error}; left as it is: the exposure is fixed");
             Ok(())
         }
         outcome => outcome,

@@ -161,18 +161,7 @@ mod tests {
     use super::*;
 
     fn settings(width: u32, height: u32, pixel_format: PixelFormat) -> Settings {
-        Settings {
-            width,
-            height,
-            offset_x: 0,
-            offset_y: 0,
-            binning_horizontal: 1,
-            binning_vertical: 1,
-            pixel_format,
-            fps: 50.0,
-            exposure_us: 1000.0,
-            gain_db: 0.0,
-        }
+        Settings { pixel_format, ..Settings::new(width, height, 50.0, 1000.0) }
     }
 
     fn given(fourcc: FourCc, (width, height): (u32, u32), stride: u32, bytes: u32) -> v4l2_pix_format {

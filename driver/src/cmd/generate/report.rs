@@ -2,10 +2,10 @@
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use uvcam_shm_ipc::control::{GenerateReport, Progress, Verdict};
 
 use crate::args;
 use crate::error::Error;
-use crate::generator::{Progress, Report};
 
 /// Progress on stderr; nothing where that is no terminal.
 pub(super) struct Bar(ProgressBar);
@@ -37,11 +37,11 @@ impl Drop for Bar {
 struct OfCamera<'a> {
     camera: &'a str,
     #[serde(flatten)]
-    report: &'a Report,
+    report: &'a GenerateReport,
 }
 
 /// Prints the reports: one JSON object, or a list of them for all cameras; or texts.
-pub(super) fn show(reports: &[(&str, Report)], arguments: &args::Generate) -> Result<(), Error> {
+pub(super) fn show(reports: &[(&str, GenerateReport)], arguments: &args::Generate) -> Result<(), Error> {
     for (camera, report) in reports {
         for finding in &report.findings {
             if finding.refuses {
@@ -66,10 +66,14 @@ pub(super) fn show(reports: &[(&str, Report)], arguments: &args::Generate) -> Re
     crate::cmd::print(&text.unwrap_or_default())
 }
 
-fn table(camera: &str, report: &Report) -> String {
+fn table(camera: &str, report: &GenerateReport) -> String {
+    let verdict = match report.verdict {
+        Verdict::Ok => "ok",
+        Verdict::Refused => "refused",
+    };
     let mut lines = vec![format!(
-        "{camera}: {}, {} frames, {} candidate pixels, {:.2} s",
-        report.verdict, report.frames_used, report.candidates, report.seconds
+        "{camera}: {verdict}, {} frames, {} candidate pixels, {:.2} s",
+        report.frames_used, report.candidates, report.seconds
     )];
     for (number, part) in (1..).zip(&report.parts) {
         lines.push(format!(

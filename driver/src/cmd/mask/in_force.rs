@@ -4,13 +4,11 @@ use std::path::Path;
 use std::time::Duration;
 
 use uvcam_masker::{Mask, file};
-use uvcam_shm_ipc::control::{ControlClient, NextReply};
+use uvcam_shm_ipc::control::{ControlClient, NextReply, Reply, Request};
 
 use crate::config::{CameraConfig, Config};
-use crate::control::{Reply, Request};
 use crate::error::{Error, with_causes};
 use crate::exit::Exit;
-use crate::generator::store_of;
 use crate::mask::{self, Flyable};
 use crate::mask_store::MaskStore;
 
@@ -24,7 +22,7 @@ pub(super) fn change(
     change: impl FnOnce(&MaskStore, (u32, u32)) -> Result<Mask, Error>,
 ) -> Result<Exit, Error> {
     let camera = camera(name, config)?;
-    let store = store_of(camera)?;
+    let store = MaskStore::of(camera)?;
     // First of all: whoever may not speak to the driver changes nothing that it would have to hear of.
     let driver = ControlClient::open(&config.ipc.settings, name)?;
     let mask = change(&store, size(camera))?;
@@ -40,10 +38,9 @@ pub(super) fn change(
 }
 
 fn reload(driver: &ControlClient) -> Result<(), Error> {
-    // A value without fields always has a JSON form.
-    let replies = driver.request(&serde_json::to_string(&Request::ReloadMask).unwrap_or_default())?;
+    let replies = driver.request(&Request::ReloadMask.to_text())?;
     let cause = match replies.receive(PATIENCE) {
-        NextReply::Text(text) => match serde_json::from_str(&text) {
+        NextReply::Text(text) => match text.parse() {
             Ok(Reply::Done) => return Ok(()),
             Ok(Reply::Failed { exit, cause }) => return Err(Error::Driver { exit, cause }),
             _ => "it answers in another version; use the same version of uvcam",
@@ -54,13 +51,13 @@ fn reload(driver: &ControlClient) -> Result<(), Error> {
 }
 
 pub(super) fn discard(name: &str, config: &Config) -> Result<Exit, Error> {
-    store_of(camera(name, config)?)?.discard()?;
+    MaskStore::of(camera(name, config)?)?.discard()?;
     Ok(Exit::Done)
 }
 
 pub(super) fn history(name: &str, config: &Config) -> Result<Exit, Error> {
     let camera = camera(name, config)?;
-    for (number, path) in (1..).zip(store_of(camera)?.history()?) {
+    for (number, path) in (1..).zip(MaskStore::of(camera)?.history()?) {
         let file = path.display();
         let line = match mask::read(&path, size(camera)) {
             Ok(Flyable { mask, .. }) => {

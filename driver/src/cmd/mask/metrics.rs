@@ -5,11 +5,13 @@ use std::path::Path;
 use serde::Serialize;
 use uvcam_masker::Mask;
 use uvcam_masker::metrics::Spread;
+use uvcam_shm_ipc::control::Part;
 
 use crate::args;
+use crate::cmd::table::columns;
 use crate::error::Error;
 use crate::exit::Exit;
-use crate::generator::{Part, parts};
+use crate::generate::parts;
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -50,9 +52,9 @@ pub(super) fn execute(arguments: &args::MaskMetrics) -> Result<Exit, Error> {
         // A value of plain numbers and texts always has a JSON form.
         serde_json::to_string_pretty(&report).unwrap_or_default()
     } else if arguments.csv {
-        report.lines("file,part,area_px,perimeter_px,compactness", ",")
+        report.lines().map(|cells| cells.join(",")).collect::<Vec<_>>().join("\n")
     } else {
-        let mut text = report.lines("file  part  area_px  perimeter_px  compactness", "  ");
+        let mut text = columns(&report.lines().collect::<Vec<_>>());
         if let Some(summary) = &report.over_all_parts {
             text += &summary.lines();
         }
@@ -63,21 +65,20 @@ pub(super) fn execute(arguments: &args::MaskMetrics) -> Result<Exit, Error> {
 }
 
 impl Report<'_> {
-    fn lines(&self, head: &str, separator: &str) -> String {
-        let mut lines = vec![head.to_owned()];
-        for Measured { file, parts } in &self.masks {
-            for (number, part) in (1..).zip(parts) {
-                let cells = [
-                    file.display().to_string(),
-                    number.to_string(),
-                    part.area_px.to_string(),
-                    format!("{:.2}", part.perimeter_px),
-                    format!("{:.2}", part.compactness),
-                ];
-                lines.push(cells.join(separator));
-            }
-        }
-        lines.join("\n")
+    /// A head, and a line for each part.
+    fn lines(&self) -> impl Iterator<Item = [String; 5]> {
+        let head = ["file", "part", "area_px", "perimeter_px", "compactness"].map(String::from);
+        let parts = self.masks.iter().flat_map(|mask| (1..).zip(&mask.parts).map(|part| (mask.file, part)));
+        let line = |(file, (number, part)): (&Path, (u32, &Part))| {
+            [
+                file.display().to_string(),
+                number.to_string(),
+                part.area_px.to_string(),
+                format!("{:.2}", part.perimeter_px),
+                format!("{:.2}", part.compactness),
+            ]
+        };
+        [head].into_iter().chain(parts.map(line))
     }
 }
 

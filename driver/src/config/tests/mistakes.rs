@@ -2,14 +2,6 @@
 
 use super::*;
 
-/// The message for the camera with one line changed, which must hold all of `expected`.
-fn check(cases: &[(&str, &str, &str)]) {
-    for (line, instead, expected) in cases {
-        let message = refusal(line, instead);
-        assert!(message.contains(expected), "{instead}\n  gives    {message}\n  expected {expected}");
-    }
-}
-
 #[test]
 fn numbers_that_are_none_in_toml() {
     check(&[
@@ -272,7 +264,7 @@ fn keys_and_words_of_others() {
 
 #[test]
 fn keys_of_each_table_are_those_that_are_read() {
-    for (heading, keys) in keys::TABLES {
+    for (heading, keys) in document::tables() {
         let text = match heading {
             keys::TOP => "nothing = 1\n".to_owned() + CAMERA,
             "source" => CAMERA.replace("kind = \"aravis\", serial", "nothing"),

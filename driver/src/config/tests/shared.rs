@@ -142,7 +142,7 @@ fn one_mask_file_is_of_one_camera() {
 #[test]
 fn no_mask_is_among_the_files_of_another_camera_s() {
     let folder = tempfile::tempdir().unwrap();
-    let store = crate::mask_store::MaskStore::new(Path::new("left.png"));
+    let store = crate::mask_files::MaskFiles::around(Path::new("left.png"));
     let [candidate, history] = [store.candidate(), store.history_folder().join("x.png")];
     for other in [&candidate, &history] {
         let other = other.to_str().unwrap();
@@ -159,14 +159,14 @@ fn no_mask_is_among_the_files_of_another_camera_s() {
     std::fs::write(folder.path().join("masks/target.png"), "").unwrap();
     std::os::unix::fs::symlink("masks/target.png", folder.path().join("link.png")).unwrap();
     for other in
-        ["link.png", "masks/target.png"].map(|mask| crate::mask_store::MaskStore::new(Path::new(mask)))
+        ["link.png", "masks/target.png"].map(|mask| crate::mask_files::MaskFiles::around(Path::new(mask)))
     {
         assert!(of_masks(folder.path(), "link.png", other.candidate().to_str().unwrap()).is_err());
     }
     // Two names share a candidate where the store makes one file of them.
     let share = |one: &str, other: &str| {
         let [one, other] =
-            [one, other].map(|name| crate::mask_store::MaskStore::new(Path::new(name)).candidate());
+            [one, other].map(|name| crate::mask_files::MaskFiles::around(Path::new(name)).candidate());
         one == other
     };
     assert_eq!(of_masks(folder.path(), "left.a", "left.b").is_err(), share("left.a", "left.b"));

@@ -6,22 +6,21 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use clap::Parser;
-use uvcam_shm_ipc::{PixelFormat, Slot, monotonic_ns};
+use uvcam_shm_ipc::control::{GenerateRequest, Method};
+use uvcam_shm_ipc::{Slot, monotonic_ns};
 
 use crate::camera::source::CameraSource;
 use crate::camera::{Applied, Camera, CameraError, Capture, Event, Identity, Settings};
+use crate::causes::with_causes;
 use crate::config::{CameraConfig, Generate, Ipc, MaskChoice, MaskMode, Simulated, Source};
 use crate::counters::Counters;
-use crate::error::with_causes;
 use crate::frame_path::Command;
 use crate::frame_path::tests::Place;
-use crate::generate::Order;
-use crate::generator::{Generator, Wish};
+use crate::generate::{CancelToken, Request, Task};
 use crate::realtime::Realtime;
 use crate::supervise::closing::Closing;
 use crate::supervise::time::Time;
-use crate::supervise::{Notice, State, Supervisor};
+use crate::supervise::{News, Notice, State, Supervisor};
 
 const SLOTS: usize = 2;
 
@@ -63,7 +62,7 @@ impl Journal {
     }
 }
 
-type Reaction = (&'static str, Box<dyn FnOnce(&Sender<Command>, &Journal) + Send>);
+type Reaction = (&'static str, Box<dyn FnOnce(&Sender<Command>) + Send>);
 type AfterPauses = (Duration, Box<dyn FnOnce(usize) + Send>);
 
 /// A supervisor about to run.
@@ -71,6 +70,8 @@ pub(super) struct Rig {
     pub(super) counters: Arc<Counters>,
     pub(super) stop: Arc<AtomicBool>,
     pub(super) mask: MaskChoice,
+    /// Those that there can be of the camera's frames; without any, there is no shared memory.
+    pub(super) max_subscribers: usize,
     openings: VecDeque<Opening>,
     journal: Journal,
     reaction: Option<Reaction>,
@@ -85,6 +86,7 @@ impl Rig {
             counters: Arc::default(),
             stop: Arc::default(),
             mask: MaskChoice::None,
+            max_subscribers: 8,
             openings: openings.into(),
             journal: Journal::default(),
             reaction: None,
@@ -97,7 +99,7 @@ impl Rig {
     pub(super) fn on(
         &mut self,
         notice: &'static str,
-        reaction: impl FnOnce(&Sender<Command>, &Journal) + Send + 'static,
+        reaction: impl FnOnce(&Sender<Command>) + Send + 'static,
     ) {
         self.reaction = Some((notice, Box::new(reaction)));
     }
@@ -117,7 +119,8 @@ impl Rig {
     /// Runs the supervisor to its end, and returns what happened.
     pub(super) fn run(self) -> Vec<String> {
         let place = Place::new();
-        let ipc = Ipc { settings: place.settings.clone(), slots: SLOTS };
+        let mut ipc = Ipc { settings: place.settings.clone(), slots: SLOTS };
+        ipc.settings.max_subscribers = self.max_subscribers;
         let camera = CameraConfig {
             name: "left".into(),
             source: Source::Simulated(Simulated {
@@ -126,7 +129,7 @@ impl Rig {
                 readout_us: 0.0,
                 faults: vec![],
             }),
-            settings: settings(),
+            settings: Settings::new(8, 4, 50.0, 1000.0),
             mask: self.mask,
             mask_mode: MaskMode::default(),
             generate: Generate::default(),
@@ -140,16 +143,21 @@ impl Rig {
             if stop.load(Ordering::Relaxed) {
                 return;
             }
-            let line = match notice.state {
-                State::Streaming(identity) => format!("streaming {}", identity.serial),
-                State::Generating => "generating".into(),
-                State::Waiting(error) => format!("waiting: {}", with_causes(&error)),
-                State::Refused(error) => format!("refused: {}", with_causes(&error)),
+            let line = match notice.news {
+                News::State(State::Streaming(identity)) => format!("streaming {}", identity.serial),
+                News::State(State::Generating) => "generating".into(),
+                News::State(State::Waiting(error)) => format!("waiting: {}", with_causes(&error)),
+                News::State(State::Refused(error)) => format!("refused: {}", with_causes(&error)),
+                News::Progress(_) => return,
+                News::Collected(_, collected) => match *collected {
+                    Ok(lit_frames) => format!("done: light of {}", lit_frames.serial()),
+                    Err(error) => format!("done: {}", with_causes(&error)),
+                },
             };
             journal.write(line.clone());
             let mut reaction = reaction.lock().unwrap();
             if let Some((_, react)) = reaction.take_if(|(start, _)| line.starts_with(*start)) {
-                react(&send, &journal);
+                react(&send);
             }
         };
         let is_held = self.held.is_some();
@@ -183,44 +191,16 @@ impl Rig {
     }
 }
 
-fn settings() -> Settings {
-    Settings {
-        width: 8,
-        height: 4,
-        offset_x: 0,
-        offset_y: 0,
-        binning_horizontal: 1,
-        binning_vertical: 1,
-        pixel_format: PixelFormat::Mono8,
-        fps: 50.0,
-        exposure_us: 1000.0,
-        gain_db: 0.0,
-    }
-}
-
-#[derive(Parser)]
-struct Asked {
-    #[command(flatten)]
-    wish: Wish,
-}
-
-/// An order for one lit frame, of 5 ms.
-pub(super) fn order(journal: &Journal) -> Order {
-    let journal = journal.clone();
-    let Asked { wish } = Asked::parse_from(["", "--method", "paper"]);
-    Order {
-        exposure_us: 5000.0,
-        gain_db: 0.0,
-        generator: Generator::new(wish, &Generate::default()),
-        progress: Box::new(|_| ()),
-        cancelled: Arc::default(),
-        done: Box::new(move |_, outcome| {
-            journal.write(match outcome {
-                Ok(light) => format!("done: light of {}", light.identity.serial),
-                Err(error) => format!("done: {}", with_causes(&error)),
-            });
-        }),
-    }
+/// A task of one lit frame, of 5 ms.
+pub(super) fn task() -> Box<Task> {
+    let request = GenerateRequest {
+        method: Method::Paper,
+        exposure_us: Some(5000.0),
+        gain_db: Some(0.0),
+        ..GenerateRequest::default()
+    };
+    let request = Request::try_from((&request, &Generate::default())).unwrap();
+    Box::new(Task { request, cancel: CancelToken::default() })
 }
 
 /// Time that passes by sleep alone.
@@ -338,16 +318,7 @@ impl Camera for ScriptedCamera {
             return Err(CameraError::Device { serial, doing: "configuring", cause: "by script".into() });
         }
         self.journal.write(format!("configure {}: {} us", self.identity.serial, settings.exposure_us));
-        Ok(Applied {
-            width: settings.width,
-            height: settings.height,
-            stride: settings.width,
-            pixel_format: settings.pixel_format,
-            fps: settings.fps,
-            exposure_us: settings.exposure_us,
-            gain_db: settings.gain_db,
-            payload_bytes: settings.frame_bytes(),
-        })
+        Ok(Applied::exactly(settings))
     }
 
     fn queue(&mut self, slot: Slot) -> Result<(), CameraError> {

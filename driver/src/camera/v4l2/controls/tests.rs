@@ -3,8 +3,6 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
-use uvcam_shm_ipc::PixelFormat;
-
 use super::*;
 use crate::camera::source::V4l2Device;
 
@@ -73,18 +71,7 @@ impl Controls for Table {
 }
 
 fn settings(exposure_us: f64, gain_db: f64) -> Settings {
-    Settings {
-        width: 8,
-        height: 4,
-        offset_x: 0,
-        offset_y: 0,
-        binning_horizontal: 1,
-        binning_vertical: 1,
-        pixel_format: PixelFormat::Mono8,
-        fps: 50.0,
-        exposure_us,
-        gain_db,
-    }
+    Settings { gain_db, ..Settings::new(8, 4, 50.0, exposure_us) }
 }
 
 fn source(gain_step_db: Option<f64>, fixed_exposure_us: Option<f64>) -> V4l2 {

@@ -3,40 +3,31 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use uvcam_shm_ipc::Subscriber;
-use uvcam_tests::{
-    Process, Stage, children, health_where, next_frame, simulated, status_field, stderr, wait_until,
-};
+use uvcam_shm_ipc::health::State;
+use uvcam_tests::dice::Dice;
+use uvcam_tests::{Process, Stage, children, health_where, lives, next_frame, simulated, stderr, wait_until};
+
+mod main_process;
+mod memory;
 
 const CAMERAS: [&str; 3] = ["left", "right", "back"];
 const VICTIM: &str = "left";
 const DEATHS: u64 = 50;
 
-/// Different numbers in each run, and the same where a run is to be repeated: Knuth's MMIX generator.
-struct Dice(u64);
-
-impl Dice {
-    fn new() -> Self {
-        let seed =
-            std::env::var("UVCAM_TEST_SEED").map_or(std::process::id().into(), |seed| seed.parse().unwrap());
-        println!("UVCAM_TEST_SEED={seed} repeats this run");
-        Dice(seed)
-    }
-
-    /// A number below `end`.
-    fn roll(&mut self, end: u64) -> u64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % end
-    }
-}
-
 /// Small ones that stand still, and a second of frames in hand, so that what is lost tells of the driver and not of a busy machine.
 fn three_cameras(faults_of_the_victim: &str) -> Stage {
+    three_cameras_with("", faults_of_the_victim)
+}
+
+/// The same, with these keys at the configuration's top.
+fn three_cameras_with(top: &str, faults_of_the_victim: &str) -> Stage {
     let camera = |name| {
         let faults = if name == VICTIM { faults_of_the_victim } else { "" };
         format!(
@@ -44,7 +35,7 @@ fn three_cameras(faults_of_the_victim: &str) -> Stage {
              source = {{ kind = \"simulated\", serial = \"{name}\", still = true{faults} }}\n"
         )
     };
-    Stage::new(&("buffer = 64\nslots = 64\n".to_owned() + &CAMERAS.map(camera).concat()))
+    Stage::configured(top, &("buffer = 64\nslots = 64\n".to_owned() + &CAMERAS.map(camera).concat()))
 }
 
 /// The process of this camera, where one runs.
@@ -53,10 +44,6 @@ fn process_of(driver: &Process, camera: &str) -> Option<u32> {
         let words = fs::read_to_string(format!("/proc/{id}/cmdline")).unwrap_or_default();
         words.contains(&format!("\0--camera\0{camera}\0")) && lives(*id)
     })
-}
-
-fn lives(id: u32) -> bool {
-    status_field(id, "State:").is_some_and(|state| !state.starts_with('Z'))
 }
 
 fn signal(id: u32, signal: Signal) {
@@ -97,8 +84,8 @@ struct Seen {
 }
 
 impl Seen {
-    /// Reads until it is over and nothing is unread. Returns the consumer, and `produced` of its first and last frame.
-    fn read(&self, mut subscriber: Subscriber) -> (Subscriber, u64, u64) {
+    /// Reads until it is over and nothing is unread.
+    fn read(&self, mut subscriber: Subscriber) -> Account {
         let mut span = None;
         loop {
             let is_over = self.is_over.load(Ordering::Relaxed);
@@ -116,14 +103,56 @@ impl Seen {
         }
     }
 
+    /// Waits for a new epoch. Returns how long that took, in ms.
+    fn wait_for_return(&self) -> u128 {
+        let (end, epochs) = (Instant::now(), self.epochs.load(Ordering::Relaxed));
+        wait_until("its return", || self.epochs.load(Ordering::Relaxed) > epochs);
+        end.elapsed().as_millis()
+    }
+
     fn wait_for_frames(&self, count: u64) {
         let before = self.frames.load(Ordering::Relaxed);
         wait_until("frames", || self.frames.load(Ordering::Relaxed) >= before + count);
     }
 }
 
-/// Lets the victim die so often, in every way, at random moments. Returns how long it took each time from the cause's end to the first
-/// frame, in ms.
+/// A consumer in the end, and `produced` of its first and last frame.
+type Account = (Subscriber, u64, u64);
+
+/// Reads all three cameras while this happens to them, from their first frames on.
+fn observed<T>(stage: &Stage, happens: impl FnOnce(&[Seen; 3]) -> T) -> (T, Vec<Account>) {
+    let seen: [Seen; 3] = Default::default();
+    std::thread::scope(|scope| {
+        let readers: Vec<_> = CAMERAS
+            .iter()
+            .zip(&seen)
+            .map(|(camera, seen)| scope.spawn(|| seen.read(stage.subscriber(camera))))
+            .collect();
+        let outcome = catch_unwind(AssertUnwindSafe(|| {
+            seen.iter().for_each(|seen| seen.wait_for_frames(1));
+            happens(&seen)
+        }));
+        seen.iter().for_each(|seen| seen.is_over.store(true, Ordering::Relaxed));
+        let accounts = readers.into_iter().map(|reader| reader.join().unwrap()).collect();
+        (outcome.unwrap(), accounts)
+    })
+}
+
+/// Every account agrees, the victim has begun anew more than so often, and its siblings have noticed nothing.
+fn assert_siblings_lost_nothing(accounts: Vec<Account>, deaths: u64, said: &str) {
+    for (camera, (subscriber, first, last)) in CAMERAS.iter().zip(accounts) {
+        let (received, told) = (subscriber.frames(), subscriber.lost());
+        println!("{camera}: {received} received, {told} told, {} epochs", subscriber.epochs());
+        assert_eq!(received + told, last - first + 1, "{camera}");
+        if *camera == VICTIM {
+            assert!(subscriber.epochs() > deaths);
+        } else {
+            assert_eq!((told, subscriber.epochs()), (0, 1), "{camera}, a sibling: {said}");
+        }
+    }
+}
+
+/// Lets the victim die so often, in every way, at random moments. Returns how long some of its returns took.
 fn let_die(driver: &Process, victim: &Seen) -> Vec<u128> {
     let (mut dice, mut returns) = (Dice::new(), Vec::new());
     for death in 0..DEATHS {
@@ -156,9 +185,7 @@ fn let_die(driver: &Process, victim: &Seen) -> Vec<u128> {
         if !matches!(death % 10, 1 | 3 | 7 | 9) {
             continue;
         }
-        let (end, epochs) = (Instant::now(), victim.epochs.load(Ordering::Relaxed));
-        wait_until("the victim's return", || victim.epochs.load(Ordering::Relaxed) > epochs);
-        returns.push(end.elapsed().as_millis());
+        returns.push(victim.wait_for_return());
     }
     victim.wait_for_frames(10);
     returns
@@ -175,38 +202,14 @@ fn fifty_deaths_of_a_process_cost_its_siblings_nothing_and_leave_nothing_behind(
     let expected = left_behind(&stage);
 
     let driver = stage.driver();
-    let seen: [Seen; 3] = Default::default();
-    let (returns, accounts) = std::thread::scope(|scope| {
-        let readers: Vec<_> = CAMERAS
-            .iter()
-            .zip(&seen)
-            .map(|(camera, seen)| scope.spawn(|| seen.read(stage.subscriber(camera))))
-            .collect();
-        let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-            seen.iter().for_each(|seen| seen.wait_for_frames(1));
-            let_die(&driver, &seen[0])
-        }));
-        seen.iter().for_each(|seen| seen.is_over.store(true, Ordering::Relaxed));
-        let accounts: Vec<_> = readers.into_iter().map(|reader| reader.join().unwrap()).collect();
-        (outcome.unwrap(), accounts)
-    });
+    let (returns, accounts) = observed(&stage, |seen| let_die(&driver, &seen[0]));
     assert_eq!(children(driver.id()).len(), 3);
     let output = driver.stop();
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(0), "{said}");
     println!("first frame so many ms after a death: {returns:?}");
     println!("files made anew {} times", said.matches("were removed by another program").count());
-    for ((camera, seen), (subscriber, first, last)) in CAMERAS.iter().zip(&seen).zip(accounts) {
-        let (received, told) = (subscriber.frames(), subscriber.lost());
-        println!("{camera}: {received} received, {told} told, {} epochs", subscriber.epochs());
-        assert_eq!(received + told, last - first + 1, "{camera}");
-        assert_eq!(seen.frames.load(Ordering::Relaxed), received);
-        if *camera == VICTIM {
-            assert!(subscriber.epochs() > DEATHS / 2);
-        } else {
-            assert_eq!((told, subscriber.epochs()), (0, 1), "{camera}, a sibling: {said}");
-        }
-    }
+    assert_siblings_lost_nothing(accounts, DEATHS / 2, &said);
     assert_eq!(left_behind(&stage), expected);
 }
 
@@ -231,24 +234,26 @@ fn a_process_whose_camera_s_library_is_stuck_is_killed_and_the_camera_flies_agai
 }
 
 #[test]
-fn nothing_outlives_a_driver_that_is_killed_and_the_next_one_flies() {
+fn what_a_process_says_each_time_is_told_once_and_summed_up_when_it_works() {
     let stage = three_cameras("");
-    let mut victim = stage.subscriber(VICTIM);
     let driver = stage.driver();
-    let first = next_frame(&mut victim).header().epoch;
-    let processes = CAMERAS.map(|camera| process_of(&driver, camera).unwrap());
-    // One of them would hear of nothing.
-    signal(processes[1], Signal::STOP);
-    driver.kill();
-    wait_until("the end of all processes", || !processes.iter().any(|id| lives(*id)));
-    while victim.receive().unwrap().is_some() {}
-
-    let driver = stage.driver();
-    for camera in CAMERAS {
-        next_frame(&mut stage.subscriber(camera));
+    let mut health = stage.health(VICTIM);
+    for _ in 0..8 {
+        let before = health_where("frames", &mut health, |health| health.published > 0);
+        die(before.process_id, Signal::KILL);
+        health_where("its return", &mut health, |health| health.process_id != before.process_id);
     }
-    assert!(next_frame(&mut victim).header().epoch > first);
-    assert_eq!(driver.stop().status.code(), Some(0));
+    health_where("a while without a death", &mut health, |health| {
+        let since = health.written_monotonic_ns.saturating_sub(health.state_since_monotonic_ns);
+        health.state() == Ok(State::Streaming) && since > 11_000_000_000
+    });
+    let said = stderr(&driver.stop());
+    // Once of the first process, once of those after it, and once a minute on a machine that is this slow.
+    let told = |text: &str| said.matches(text).count();
+    assert!((2..5).contains(&told("left: streaming, simulated")), "{said}");
+    assert!((1..5).contains(&told("left: its process has ended")), "{said}");
+    assert!(told("left: streaming for 10 s (messages not told before: ") == 1, "{said}");
+    assert_eq!((told("right: streaming"), told("back: streaming")), (1, 1), "{said}");
 }
 
 #[test]
@@ -289,19 +294,6 @@ fn a_process_that_starts_in_flight_is_what_the_others_are_whoever_works_on_the_f
     let name = fs::read_to_string(format!("/proc/{}/comm", after.process_id)).unwrap();
     assert_eq!(name, "uvcam\n");
     assert_eq!(driver.stop().status.code(), Some(0));
-}
-
-#[test]
-fn memory_that_a_camera_takes_is_its_own_process_s_to_pay_for() {
-    let stage = three_cameras("");
-    let driver = stage.driver();
-    CAMERAS.iter().for_each(|camera| _ = stage.process_of(camera));
-    let score = |id| -> i32 {
-        fs::read_to_string(format!("/proc/{id}/oom_score_adj")).unwrap().trim().parse().unwrap()
-    };
-    let expected = (score(driver.id()) + 100).min(1000);
-    let found: Vec<i32> = children(driver.id()).into_iter().map(score).collect();
-    assert_eq!(found, [expected; 3]);
 }
 
 #[test]

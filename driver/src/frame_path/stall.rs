@@ -1,4 +1,4 @@
-//! When a camera that sends nothing whole has failed.
+//! When a camera that sends nothing whole has stalled.
 
 use std::time::Duration;
 
@@ -6,12 +6,12 @@ use uvcam_shm_ipc::monotonic_ns;
 
 use crate::camera::{CameraError, GIGE_VISION, Identity};
 
-/// A camera that delivers nothing whole for this long, and for ten frame periods, has failed.
-const SILENCE_NS: u64 = 1_000_000_000;
+/// A camera that delivers nothing whole for this long, and for ten frame periods, has stalled.
+const STALL_NS: u64 = 1_000_000_000;
 
 /// How long no whole frame has come, and how many others.
 #[derive(Debug)]
-pub(super) struct Silence {
+pub(super) struct StallDetector {
     since_ns: u64,
     usual_patience_ns: u64,
     patience_ns: u64,
@@ -21,28 +21,36 @@ pub(super) struct Silence {
     incomplete_ns: u64,
 }
 
-impl Silence {
+impl StallDetector {
     /// Begins with the stream. Its first frame may take `first_frame_patience`, where that is longer than the usual patience.
     pub(super) fn new(frame_period_ns: u64, first_frame_patience: Duration) -> Self {
         let pause_ns = frame_period_ns.saturating_mul(10);
-        let usual_patience_ns = SILENCE_NS.max(pause_ns);
+        let usual_patience_ns = STALL_NS.max(pause_ns);
         let first_ns = u64::try_from(first_frame_patience.as_nanos()).unwrap_or(u64::MAX);
         let patience_ns = usual_patience_ns.max(first_ns);
         let since_ns = monotonic_ns();
-        Silence { since_ns, usual_patience_ns, patience_ns, pause_ns, incomplete: 0, incomplete_ns: since_ns }
+        StallDetector {
+            since_ns,
+            usual_patience_ns,
+            patience_ns,
+            pause_ns,
+            incomplete: 0,
+            incomplete_ns: since_ns,
+        }
     }
 
     /// A whole frame came, at `now_ns` of CLOCK_MONOTONIC.
-    pub(super) fn broken(&mut self, now_ns: u64) {
-        *self = Silence { since_ns: now_ns, patience_ns: self.usual_patience_ns, incomplete: 0, ..*self };
+    pub(super) fn saw_whole_frame(&mut self, now_ns: u64) {
+        *self =
+            StallDetector { since_ns: now_ns, patience_ns: self.usual_patience_ns, incomplete: 0, ..*self };
     }
 
-    /// Fails where it has lasted too long; `incomplete` frames came instead.
-    pub(super) fn lasts(&mut self, camera: &Identity, incomplete: u64) -> Result<(), CameraError> {
-        self.lasts_at(monotonic_ns(), camera, incomplete)
+    /// Fails where the camera has stalled; `incomplete` frames came instead of a whole one.
+    pub(super) fn check(&mut self, camera: &Identity, incomplete: u64) -> Result<(), CameraError> {
+        self.check_at(monotonic_ns(), camera, incomplete)
     }
 
-    fn lasts_at(&mut self, now_ns: u64, camera: &Identity, incomplete: u64) -> Result<(), CameraError> {
+    fn check_at(&mut self, now_ns: u64, camera: &Identity, incomplete: u64) -> Result<(), CameraError> {
         if incomplete > 0 {
             self.incomplete += incomplete;
             self.incomplete_ns = now_ns;
@@ -110,51 +118,51 @@ mod tests {
 
     #[test]
     fn a_second_of_silence_is_a_failure_unless_ten_periods_are_longer() {
-        for (period_ns, patience_ns) in [(PERIOD_NS, SILENCE_NS), (SILENCE_NS, 10 * SILENCE_NS)] {
-            let mut silence = Silence::new(period_ns, Duration::ZERO);
-            let begin_ns = silence.since_ns;
-            assert!(silence.lasts_at(begin_ns + patience_ns, &usb(), 0).is_ok());
-            let failed = silence.lasts_at(begin_ns + patience_ns + 1, &usb(), 0);
+        for (period_ns, patience_ns) in [(PERIOD_NS, STALL_NS), (STALL_NS, 10 * STALL_NS)] {
+            let mut detector = StallDetector::new(period_ns, Duration::ZERO);
+            let begin_ns = detector.since_ns;
+            assert!(detector.check_at(begin_ns + patience_ns, &usb(), 0).is_ok());
+            let failed = detector.check_at(begin_ns + patience_ns + 1, &usb(), 0);
             assert!(matches!(failed, Err(CameraError::Silent { .. })), "{failed:?}");
         }
     }
 
     #[test]
     fn the_first_frame_has_its_own_patience_and_later_ones_the_usual() {
-        let mut silence = Silence::new(PERIOD_NS, Duration::from_secs(5));
-        let first_ns = silence.since_ns + 5 * SILENCE_NS;
-        assert!(silence.lasts_at(first_ns, &usb(), 0).is_ok());
-        silence.broken(first_ns);
-        assert!(silence.lasts_at(first_ns + SILENCE_NS, &usb(), 0).is_ok());
-        assert!(silence.lasts_at(first_ns + SILENCE_NS + 1, &usb(), 0).is_err());
+        let mut detector = StallDetector::new(PERIOD_NS, Duration::from_secs(5));
+        let first_ns = detector.since_ns + 5 * STALL_NS;
+        assert!(detector.check_at(first_ns, &usb(), 0).is_ok());
+        detector.saw_whole_frame(first_ns);
+        assert!(detector.check_at(first_ns + STALL_NS, &usb(), 0).is_ok());
+        assert!(detector.check_at(first_ns + STALL_NS + 1, &usb(), 0).is_err());
     }
 
     #[test]
     fn incomplete_frames_do_not_break_it() {
-        let mut silence = Silence::new(PERIOD_NS, Duration::ZERO);
-        let begin_ns = silence.since_ns;
+        let mut detector = StallDetector::new(PERIOD_NS, Duration::ZERO);
+        let begin_ns = detector.since_ns;
         for frame in 1..=60 {
-            assert!(silence.lasts_at(begin_ns + frame * PERIOD_NS / 2, &usb(), 1).is_ok());
+            assert!(detector.check_at(begin_ns + frame * PERIOD_NS / 2, &usb(), 1).is_ok());
         }
-        let failed = silence.lasts_at(begin_ns + SILENCE_NS + 1, &usb(), 1);
+        let failed = detector.check_at(begin_ns + STALL_NS + 1, &usb(), 1);
         assert!(matches!(failed, Err(CameraError::Incomplete { frames: 61, .. })), "{failed:?}");
     }
 
     #[test]
     fn a_camera_that_dies_within_a_frame_is_silent() {
-        let mut silence = Silence::new(PERIOD_NS, Duration::ZERO);
-        let begin_ns = silence.since_ns;
-        assert!(silence.lasts_at(begin_ns + PERIOD_NS, &usb(), 1).is_ok());
-        let failed = silence.lasts_at(begin_ns + SILENCE_NS + 1, &usb(), 0);
+        let mut detector = StallDetector::new(PERIOD_NS, Duration::ZERO);
+        let begin_ns = detector.since_ns;
+        assert!(detector.check_at(begin_ns + PERIOD_NS, &usb(), 1).is_ok());
+        let failed = detector.check_at(begin_ns + STALL_NS + 1, &usb(), 0);
         assert!(matches!(failed, Err(CameraError::Silent { .. })), "{failed:?}");
     }
 
     #[test]
     fn on_a_network_firewall_and_packet_size_are_named() {
         let failed = |transport, incomplete| {
-            let mut silence = Silence::new(PERIOD_NS, Duration::ZERO);
-            let late_ns = silence.since_ns + SILENCE_NS + 1;
-            silence.lasts_at(late_ns, &camera(transport), incomplete).unwrap_err().to_string()
+            let mut detector = StallDetector::new(PERIOD_NS, Duration::ZERO);
+            let late_ns = detector.since_ns + STALL_NS + 1;
+            detector.check_at(late_ns, &camera(transport), incomplete).unwrap_err().to_string()
         };
         for incomplete in [0, 60] {
             let message = failed(GIGE_VISION, incomplete);
