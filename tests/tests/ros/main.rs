@@ -11,7 +11,6 @@ use serde_json::Value;
 use uvcam_shm_ipc::Subscriber;
 use uvcam_tests::{Process, Stage, next_frame, simulated, stderr, wait_until};
 
-#[path = "ros/network.rs"]
 mod network;
 
 use network::{Launched, Ros, Seen, configure, package, prefix, unload};
