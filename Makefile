@@ -8,9 +8,11 @@ PACKAGES := build-essential pkg-config libclang-dev libaravis-dev libusb-1.0-0-d
 TEST_PACKAGES := aravis-tools clang cmake iproute2 libopencv-core-dev python3 systemd udev util-linux valgrind
 PYTHON_PACKAGES := python3 python3-venv
 LAB_PACKAGES := binutils busybox-static qemu-system-x86 udev
-# What `make bench` compares with; it does without what cannot be installed.
+# ROS 1 of Debian.
+ROS_PACKAGES := catkin cmake libcamera-info-manager-dev libdiagnostic-updater-dev libnodelet-dev libnodeletlib-dev libnodeletlib-tools \
+	libroscpp-dev libsensor-msgs-dev pluginlib-dev python3-diagnostic-msgs python3-roslaunch python3-rosmaster python3-rospy python3-sensor-msgs
+# What `make bench` compares with, beside ROS 1; it does without what cannot be installed.
 GSTREAMER_PACKAGES := gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-bad libgstreamer-plugins-base1.0-dev
-ROS_PACKAGES := libroscpp-dev libsensor-msgs-dev python3-rosmaster
 DEB_TEST_PACKAGES := mmdebstrap systemd-container
 
 # Instrumented without a sanitizer, which the stable toolchain can do; built to be built fast.
@@ -168,12 +170,16 @@ packages:
 
 .PHONY: test-packages
 test-packages:
-	@$(MAKE) --no-print-directory apt NEEDED='$(TEST_PACKAGES)'
+	@$(MAKE) --no-print-directory apt NEEDED='$(TEST_PACKAGES) $(ROS_PACKAGES)'
 
 .PHONY: bench-packages
 bench-packages:
 	@$(MAKE) --no-print-directory apt NEEDED='$(GSTREAMER_PACKAGES)' || echo 'GStreamer cannot be installed.'
 	@$(MAKE) --no-print-directory apt NEEDED='$(ROS_PACKAGES)' || echo 'ROS 1 cannot be installed.'
+
+.PHONY: ros-packages
+ros-packages: ## Install the packages of ROS 1 that shm_ipc/ros is built with
+	@$(MAKE) --no-print-directory apt NEEDED='$(ROS_PACKAGES)'
 
 .PHONY: lab-packages
 lab-packages:

@@ -27,6 +27,10 @@ pub enum Chain {
     Gstreamer,
     /// ROS 1, sensor_msgs/Image over TCP, masked by the consumer
     Ros1,
+    /// ROS 1 in one process, which shares sensor_msgs/Image, masked by the consumer
+    Ros1Shared,
+    /// The driver; its bridge to ROS 1 and the consumer share sensor_msgs/Image in one process
+    UvcamRos1,
 }
 
 /// A process of a chain.
@@ -58,6 +62,8 @@ impl Chain {
             Chain::CopyEvent => "copy and AND, event",
             Chain::Gstreamer => "GStreamer shm",
             Chain::Ros1 => "ROS 1 TCP",
+            Chain::Ros1Shared => "ROS 1 in one process",
+            Chain::UvcamRos1 => "uvcam, ROS 1",
         }
     }
 
@@ -69,10 +75,12 @@ impl Chain {
     /// Who makes the frames. `None`: the consumer does.
     pub fn producer(self) -> Option<Program> {
         match self {
-            Chain::Alone => None,
-            Chain::UvcamPoll | Chain::UvcamPredictive | Chain::UvcamFutex | Chain::UvcamEvent => {
-                Some(Program::Driver)
-            }
+            Chain::Alone | Chain::Ros1Shared => None,
+            Chain::UvcamPoll
+            | Chain::UvcamPredictive
+            | Chain::UvcamFutex
+            | Chain::UvcamEvent
+            | Chain::UvcamRos1 => Some(Program::Driver),
             Chain::Iceoryx2Poll | Chain::Iceoryx2Event => Some(Program::Peer("iceoryx2-produce")),
             Chain::CopyEvent => Some(Program::Peer("copy-produce")),
             Chain::Gstreamer | Chain::Ros1 => Some(Program::Cpp("produce")),
@@ -90,7 +98,8 @@ impl Chain {
             Chain::Iceoryx2Poll => Program::Peer("iceoryx2-poll"),
             Chain::Iceoryx2Event => Program::Peer("iceoryx2-event"),
             Chain::CopyEvent => Program::Peer("copy-event"),
-            Chain::Gstreamer | Chain::Ros1 => Program::Cpp("consume"),
+            Chain::Gstreamer | Chain::Ros1 | Chain::UvcamRos1 => Program::Cpp("consume"),
+            Chain::Ros1Shared => Program::Cpp("share"),
         }
     }
 }

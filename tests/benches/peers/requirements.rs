@@ -43,6 +43,10 @@ pub fn requirements(results: &Results) -> Vec<Requirement> {
         judge.p50_below(Chain::Gstreamer, SMALL, 4.0),
         judge.p50_below(Chain::Gstreamer, LARGE, 8.0),
         judge.sent_before_the_plain_way(),
+        judge.nodelet_p50(SMALL, 1.2),
+        judge.nodelet_p50(LARGE, 1.0),
+        judge.nodelet_cpu(SMALL),
+        judge.nodelet_cpu(LARGE),
         judge.best_wait(),
         judge.best_wait_cores(),
         judge.more_cameras(),
@@ -90,6 +94,22 @@ impl Judge<'_> {
         let measured = self.one(other, size)?.cpu_s() / self.one(Chain::UvcamEvent, size)?.cpu_s();
         let what = format!("{}: processor time, {} / uvcam event", name(size), other.name());
         Some(judged(what, measured, Bound::AtLeast(times)))
+    }
+
+    /// The bridge to ROS 1 beside a camera nodelet, each with a consumer in its process.
+    fn nodelet_p50(&self, size: (u32, u32), times: f64) -> Option<Requirement> {
+        let p50_us = |chain| self.one(chain, size)?.latency_us.p50;
+        let measured = p50_us(Chain::UvcamRos1)? / p50_us(Chain::Ros1Shared)?;
+        let what = format!("{}: p50, {} / {}", name(size), Chain::UvcamRos1.name(), Chain::Ros1Shared.name());
+        Some(judged(what, measured, Bound::AtMost(times)))
+    }
+
+    fn nodelet_cpu(&self, size: (u32, u32)) -> Option<Requirement> {
+        let cpu_s = |chain| Some(self.one(chain, size)?.cpu_s());
+        let measured = cpu_s(Chain::UvcamRos1)? / cpu_s(Chain::Ros1Shared)?;
+        let (ours, theirs) = (Chain::UvcamRos1.name(), Chain::Ros1Shared.name());
+        let what = format!("{}: processor time, {ours} / {theirs}", name(size));
+        Some(judged(what, measured, Bound::AtMost(1.0)))
     }
 
     fn sent_before_the_plain_way(&self) -> Option<Requirement> {

@@ -6,6 +6,8 @@ use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use uvcam_tests::c;
+
 use crate::chain::{Chain, Program};
 use crate::scene::Scene;
 
@@ -16,21 +18,26 @@ const PATIENCE: Duration = Duration::from_secs(20);
 pub struct Toolbox {
     gstreamer: Result<PathBuf, String>,
     ros1: Result<(PathBuf, RosMaster), String>,
+    uvcam_ros1: Result<PathBuf, String>,
 }
 
 impl Toolbox {
     /// Builds what can be built.
     pub fn new() -> Toolbox {
-        let ros1 = compile("ros1", "roscpp").and_then(|program| Ok((program, RosMaster::start()?)));
-        let gstreamer = compile("gstreamer", "gstreamer-app-1.0").and_then(has_shm_elements);
-        Toolbox { gstreamer, ros1 }
+        let ros1 = compile("ros1", &["roscpp"], &[]).and_then(|program| Ok((program, RosMaster::start()?)));
+        let gstreamer = compile("gstreamer", &["gstreamer-app-1.0"], &[]).and_then(has_shm_elements);
+        Toolbox { gstreamer, ros1, uvcam_ros1: compile_bridge() }
     }
 
     /// Why a chain cannot be measured on this machine.
     pub fn lacks(&self, chain: Chain) -> Option<&str> {
         match chain {
             Chain::Gstreamer => self.gstreamer.as_ref().err().map(String::as_str),
-            Chain::Ros1 => self.ros1.as_ref().err().map(String::as_str),
+            Chain::Ros1 | Chain::Ros1Shared => self.ros1.as_ref().err().map(String::as_str),
+            Chain::UvcamRos1 => {
+                let lacks = self.uvcam_ros1.as_ref().err().or(self.ros1.as_ref().err());
+                lacks.map(String::as_str)
+            }
             _ => None,
         }
     }
@@ -55,23 +62,43 @@ impl Toolbox {
     fn cpp(&self, chain: Chain) -> Command {
         match (chain, &self.gstreamer, &self.ros1) {
             (Chain::Gstreamer, Ok(program), _) => Command::new(program),
-            (Chain::Ros1, _, Ok((program, master))) => master.environment(Command::new(program)),
+            (Chain::Ros1 | Chain::Ros1Shared, _, Ok((program, master))) => {
+                master.environment(Command::new(program))
+            }
+            (Chain::UvcamRos1, _, Ok((_, master))) => {
+                let Ok(program) = &self.uvcam_ros1 else { panic!("it was not built") };
+                let mut command = master.environment(Command::new(program));
+                command.env("LD_LIBRARY_PATH", c::prefix().join("lib")).env("ROS_PACKAGE_PATH", "/usr/share");
+                command
+            }
             _ => panic!("{} has no program in C++", chain.name()),
         }
     }
 }
 
-/// Builds a peer with the flags of a pkg-config package.
-fn compile(name: &str, package: &str) -> Result<PathBuf, String> {
-    let flags = Command::new("pkg-config").args(["--cflags", "--libs", package]).output();
+/// Builds the consumer behind the bridge, with the bridge's own sources.
+fn compile_bridge() -> Result<PathBuf, String> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shm_ipc/ros/src");
+    let sources = ["camera", "images", "master", "parameters", "report"];
+    let mut words = vec![format!("-I{}", folder.display())];
+    words.extend(sources.map(|name| folder.join(name).with_extension("cpp").display().to_string()));
+    words.extend(c::pkg_config(&["--cflags", "--libs"]));
+    // Debian's pkg-config files of these two want one of pluginlib, which is not there.
+    words.extend(["-lcamera_info_manager", "-limage_transport"].map(str::to_owned));
+    compile("uvcam_ros1", &["roscpp"], &words)
+}
+
+/// Builds a peer with the flags of pkg-config packages, and more.
+fn compile(name: &str, packages: &[&str], words: &[String]) -> Result<PathBuf, String> {
+    let flags = Command::new("pkg-config").args(["--cflags", "--libs"]).args(packages).output();
     let Some(flags) = flags.ok().filter(|output| output.status.success()) else {
-        return Err(format!("pkg-config does not find {package}"));
+        return Err(format!("pkg-config does not find {}", packages.join(", ")));
     };
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/peers/programs").join(name);
     let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let mut compiler = Command::new("c++");
     compiler.args(["-std=c++17", "-O3", "-pthread", "-o"]).arg(&program).arg(source.with_extension("cpp"));
-    compiler.args(String::from_utf8_lossy(&flags.stdout).split_whitespace());
+    compiler.args(words).args(String::from_utf8_lossy(&flags.stdout).split_whitespace());
     match compiler.output() {
         Ok(output) if output.status.success() => Ok(program),
         Ok(output) => Err(format!("c++ does not build it: {}", String::from_utf8_lossy(&output.stderr))),

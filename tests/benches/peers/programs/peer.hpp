@@ -137,18 +137,25 @@ class Window {
 
     // Masks a frame of `index` into memory of its own, as a consumer must that shares its message with others.
     void received(size_t index, const uint8_t *frame) {
-        Camera &camera = cameras[index];
-        std::lock_guard lock(camera.mutex);
         Stamps stamps;
         memcpy(&stamps, frame, sizeof stamps);
-        and_all(camera.masked.data(), frame, mask.data(), mask.size());
-        uint64_t masked_ns = monotonic_ns();
+        {
+            std::lock_guard lock(cameras[index].mutex);
+            and_all(cameras[index].masked.data(), frame, mask.data(), mask.size());
+        }
+        count(index, stamps.sequence, stamps.ready_ns, monotonic_ns());
+    }
+
+    // Counts a frame that came masked at `masked_ns`.
+    void count(size_t index, uint64_t sequence, uint64_t ready_ns, uint64_t masked_ns) {
+        Camera &camera = cameras[index];
+        std::lock_guard lock(camera.mutex);
         if (measuring) {
-            if (stamps.sequence > camera.last) camera.lost += stamps.sequence - camera.last - 1;
-            camera.latency_ns.push_back(masked_ns - stamps.ready_ns);
+            if (sequence > camera.last) camera.lost += sequence - camera.last - 1;
+            camera.latency_ns.push_back(masked_ns - ready_ns);
         }
         camera.seen++;
-        camera.last = stamps.sequence;
+        camera.last = sequence;
     }
 
     void conduct() {

@@ -1,6 +1,6 @@
 // ROS 1: sensor_msgs/Image over TCP, masked by the consumer, with the steps of the chain that UVDAR flies with.
 //
-// Ways: `produce` is a camera driver such as bluefox2: a new message for each frame, filled from the camera's buffer and published as a
+// Ways: `share` is `produce` and `consume` in one process, as two nodelets of one manager. `produce` is a camera driver such as bluefox2: a new message for each frame, filled from the camera's buffer and published as a
 // shared pointer. `consume` shares the received message, as UVDAR's detector does, with a thread for each camera. Queues hold one
 // message on both sides, transport hints are the default.
 
@@ -26,12 +26,16 @@ static void walk(ros::Publisher publisher, Source source, const Task &task) {
     }
 }
 
-static void produce(const Task &task, ros::NodeHandle &node) {
+static void start_cameras(const Task &task, ros::NodeHandle &node) {
     for (auto &source : Source::all(task)) {
         static size_t camera = 0;
         auto publisher = node.advertise<sensor_msgs::Image>(topic(camera++), 1);
         std::thread(walk, publisher, source, std::cref(task)).detach();
     }
+}
+
+static void produce(const Task &task, ros::NodeHandle &node) {
+    start_cameras(task, node);
     ros::AsyncSpinner spinner(1);
     spinner.start();
     wait_for_end();
@@ -58,8 +62,11 @@ int main(int count, char **words) {
         produce(task, node);
     } else if (task.way == "consume") {
         consume(task, node);
+    } else if (task.way == "share") {
+        start_cameras(task, node);
+        consume(task, node);
     } else {
-        fail(task.way + ": produce or consume");
+        fail(task.way + ": produce, consume or share");
     }
     ros::shutdown();
     // Threads that publish end with the program.
