@@ -46,6 +46,7 @@ fn watch_reports_the_documented_keys() {
             "latency_us",
             "lost",
             "mask_id",
+            "mask_mode",
             "masked_nonzero",
             "width"
         ]
@@ -53,6 +54,7 @@ fn watch_reports_the_documented_keys() {
     assert_eq!(keys(&report["latency_us"]), ["max", "p50", "p90", "p99", "p999"]);
     assert_eq!((report["width"].as_u64(), report["height"].as_u64()), (Some(752), Some(480)));
     assert_eq!(report["mask_id"], mask.id().to_string());
+    assert_eq!(report["mask_mode"], "blank");
     assert!((report["fps"].as_f64().unwrap() - 60.0).abs() < 3.0, "{report}");
     let latency = |key: &str| report["latency_us"][key].as_f64().unwrap();
     assert!(0.0 < latency("p50") && latency("p50") <= latency("p99") && latency("p99") <= latency("max"));
