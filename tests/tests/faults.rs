@@ -150,8 +150,9 @@ fn a_panic_stays_in_the_health_record_and_takes_the_mask_of_the_moment_no_frame(
 
 #[test]
 fn a_panic_at_every_start_ends_a_driver_without_another_camera_so_that_it_can_be_started_again() {
-    let fault = ", faults = [{ kind = \"panic\", at_frame = 0 }]";
-    let output = Stage::new(&simulated("left", "none", fault)).output(&["run", "--duration", "20"]);
+    let panics = ["{ kind = \"panic\", at_frame = 0 }"; 20].join(", ");
+    let camera = simulated("left", "none", &format!(", faults = [{panics}]"));
+    let output = Stage::new(&camera).output(&["run", "--duration", "20"]);
     assert_eq!(output.status.code(), Some(7), "{}", stderr(&output));
     assert!(!stderr(&output).contains("trying again"), "it ends: {}", stderr(&output));
     assert!(stderr(&output).contains("no camera can be used: the driver ends"), "{}", stderr(&output));
