@@ -25,7 +25,9 @@ fn unplugging_one_camera_costs_the_other_nothing() {
     let (left, _right) = (plug("U3V1"), plug("U3V2"));
     let right = camera("right", "U3V2").replace("mask.png", "right.png");
     let stage = Stage::new(&(camera("left", "U3V1") + &right));
-    ["mask.png", "right.png"].map(|mask| stage.write_mask(mask, SIZE, 100));
+    for mask in ["mask.png", "right.png"] {
+        stage.write_mask(mask, SIZE, 100);
+    }
     let (mut lefts, mut rights) = (stage.subscriber("left"), stage.subscriber("right"));
     let _driver = stage.driver();
     next_frame(&mut lefts);
@@ -37,8 +39,8 @@ fn unplugging_one_camera_costs_the_other_nothing() {
     }
     let _left = plug("U3V1");
     wait_until("the left camera is back", || {
-        while rights.next().unwrap().is_some() {}
-        lefts.next().unwrap().is_some() && lefts.epochs() == 2
+        while rights.receive().unwrap().is_some() {}
+        lefts.receive().unwrap().is_some() && lefts.epochs() == 2
     });
     for _ in 0..60 {
         next_frame(&mut rights);
