@@ -15,11 +15,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 mod candidate;
 mod collector;
 mod generator;
+mod light;
+mod lit_frames;
 mod request;
 
 pub use candidate::{Generated, parts};
-pub use collector::{Collector, LitFrames};
+pub use collector::Collector;
 pub use generator::Generator;
+pub use lit_frames::LitFrames;
 pub use request::{Request, RequestError};
 
 /// A request on its way through the driver.

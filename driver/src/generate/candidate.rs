@@ -5,7 +5,7 @@ use uvcam_masker::generate::{Method, Outcome, Parameters};
 use uvcam_masker::{GrayImage, Mask, metrics};
 use uvcam_shm_ipc::control::{Finding, GenerateReport, Part, Verdict};
 
-use super::collector::Light;
+use super::light::Light;
 use super::request::Request;
 use crate::config::CameraConfig;
 use crate::error::Error;

@@ -6,9 +6,11 @@ use uvcam_masker::GrayImage;
 use uvcam_shm_ipc::control::Progress;
 use uvcam_shm_ipc::{PixelFormat, Publisher, Slot, monotonic_ns};
 
-use super::candidate::Generated;
-use super::{Generator, Request};
-use crate::camera::{Applied, Camera, CameraError, Event, Identity, Settings};
+use super::generator::Generator;
+use super::light::Light;
+use super::lit_frames::LitFrames;
+use super::request::Request;
+use crate::camera::{Applied, Camera, CameraError, Event, Settings};
 use crate::counters::Counters;
 use crate::error::Error;
 
@@ -29,22 +31,6 @@ pub struct Collector<'a> {
     pub slots: usize,
     /// Where other threads see that this one is not stuck.
     pub counters: &'a Counters,
-}
-
-/// Lit frames, in the generator that has seen them, and the light that they were taken in.
-#[derive(Debug)]
-pub struct LitFrames {
-    generator: Generator,
-    light: Light,
-}
-
-/// Where lit frames came from, and in what light.
-#[derive(Debug, Clone)]
-pub(super) struct Light {
-    /// The camera.
-    identity: Identity,
-    /// What it applied, as read back.
-    applied: Applied,
 }
 
 impl Collector<'_> {
@@ -96,39 +82,7 @@ impl Collector<'_> {
         }
         self.camera.stop();
         let light = Light { identity: self.camera.identity().clone(), applied };
-        Ok(LitFrames { generator, light })
-    }
-}
-
-impl LitFrames {
-    /// Makes the mask from them.
-    ///
-    /// # Errors
-    /// [`Error::Generate`] where it cannot be computed; [`Error::Usage`] where there are no frames.
-    pub fn generate(self) -> Result<Generated, Error> {
-        let exposure_us = self.light.applied.exposure_us;
-        let generated = self.generator.finish(Some(exposure_us))?;
-        Ok(Generated { light: Some(self.light), ..generated })
-    }
-
-    /// The serial of the camera that they came from.
-    #[cfg(test)]
-    pub(crate) fn serial(&self) -> &str {
-        &self.light.identity.serial
-    }
-}
-
-impl Light {
-    /// Keywords and texts that tell of it, for the mask's file.
-    pub(super) fn provenance(&self) -> Vec<(&'static str, String)> {
-        let Light { identity, applied } = self;
-        vec![
-            ("Camera", format!("{} {}", identity.vendor, identity.model)),
-            ("Camera Serial", identity.serial.clone()),
-            ("Size", format!("{}x{}", applied.width, applied.height)),
-            ("Exposure us", applied.exposure_us.to_string()),
-            ("Gain dB", applied.gain_db.to_string()),
-        ]
+        Ok(LitFrames::new(generator, light))
     }
 }
 
