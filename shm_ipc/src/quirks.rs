@@ -17,6 +17,7 @@
 //! | counts the frames in a subscriber's hands for each publisher, and passes over a publisher of whom it holds all it may | [`Subscriber`](crate::Subscriber) |
 //! | keeps all slots of a publisher in one mapping, each behind its own header and ours | [`resident`](crate::resident), [`settings`](crate::settings) |
 //! | does nothing with a received sample through a shared reference but read it, its length under the lock of [`Ipc`], and yet does not say that threads may share it: [`Received`] | [`Frame`](crate::Frame), [`Mask`](crate::Mask) |
+//! | waits for an event by a socket's timeout in whole microseconds, of which none is for ever: [`SHORTEST_WAIT`] | [`link`](crate::Subscriber) |
 //! | keeps the handle of each loan on the heap | the frame path's law of allocations |
 //! | writes its log to stderr, waits until that is read, and panics where it is closed | [`log`](crate::log) |
 //! | reports most faults of a system as `InternalError` | [`premises`](crate::premises), which looks before |
@@ -24,6 +25,7 @@
 use std::fs::{self, Metadata};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use iceoryx2::config::Config;
 use iceoryx2::node::{DeadNodeView, NodeDetails, NodeView};
@@ -34,6 +36,9 @@ use iceoryx2::service::service_hash::ServiceHash;
 /// The version that this file describes.
 #[cfg(test)]
 const VERSION: &str = "0.10.0";
+
+/// The shortest wait for an event that ends.
+pub(crate) const SHORTEST_WAIT: Duration = Duration::from_micros(1);
 
 /// The kind of all ports: behind a mutex, so that slots and frames may go from thread to thread; 0.2 us a call over `ipc` where the cache
 /// is warm.

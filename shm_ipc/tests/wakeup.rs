@@ -258,3 +258,22 @@ fn a_wait_set_is_woken_by_the_event_of_the_camera() {
         assert_eq!(frames, [(sequence, 0)]);
     }
 }
+
+#[test]
+fn the_shortest_wait_ends() {
+    let place = Place::new();
+    let _driver = place.publisher();
+    for wakeup in ALL {
+        let mut subscriber = Subscriber::open(&place.settings, CAMERA).unwrap();
+        subscriber.set_wakeup(wakeup);
+        let (over, ends) = channel();
+        std::thread::spawn(move || {
+            // As short as what is left of a longer wait.
+            for timeout_ns in [1_000_000, 999, 500, 1, 0] {
+                subscriber.wait(Duration::from_nanos(timeout_ns)).unwrap();
+            }
+            over.send(()).unwrap();
+        });
+        assert!(ends.recv_timeout(PATIENCE).is_ok(), "{wakeup:?}");
+    }
+}

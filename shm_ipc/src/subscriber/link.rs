@@ -17,7 +17,7 @@ use crate::frame_service::{self, FrameService, WakeService, wake_service_name};
 use crate::header::FrameHeader;
 use crate::prediction::{Prediction, Watch};
 use crate::premises;
-use crate::quirks::Ipc;
+use crate::quirks::{Ipc, SHORTEST_WAIT};
 use crate::service::Address;
 use crate::wake_word::WakeWord;
 
@@ -136,7 +136,7 @@ impl Link {
             self.listener = Some(listener);
             return address.take_small_files();
         };
-        match listener.timed_wait(|_| (), timeout) {
+        match listener.timed_wait(|_| (), timeout.max(SHORTEST_WAIT)) {
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
             Err(source) => Err(address.failed("waiting for", &wake_service_name(&address.camera), source)),
         }
