@@ -8,7 +8,6 @@ use uvcam::config::Generate;
 use uvcam::generate::{Generator, Request};
 use uvcam_fuzz::message;
 use uvcam_masker::GrayImage;
-use uvcam_shm_ipc::PixelFormat;
 use uvcam_shm_ipc::control::{self, GenerateRequest, Reply, Verdict};
 
 /// Size of the lit frames.
@@ -75,16 +74,5 @@ fn lit(frame: u32) -> GrayImage {
 
 fn flight() -> Settings {
     let (width, height) = SIZE;
-    Settings {
-        width,
-        height,
-        offset_x: 0,
-        offset_y: 0,
-        binning_horizontal: 1,
-        binning_vertical: 1,
-        pixel_format: PixelFormat::Mono8,
-        fps: 60.0,
-        exposure_us: 1000.0,
-        gain_db: 0.0,
-    }
+    Settings::new(width, height, 60.0, 1000.0)
 }
